@@ -40,14 +40,12 @@ from benchmarks.optimum import times_of
 from benchmarks.tube_optimum import Guess, Tube, optimum, states
 from cnc.machine.models import Axis, Machine, PathLimits
 from cnc.model.blocks import AxisLetter, Block, PathMode, Polyline
-from cnc.path.build import build
 from cnc.path.kernels.arclength import curve_inv_arclen
 from cnc.path.kernels.curve import curve_eval
-from cnc.planner.joints import Joints
 from cnc.planner.limits import Limits
 from cnc.planner.lookahead import LookAhead
-from cnc.planner.motion_time import motion_time
 from cnc.planner.plan import PlanChunk
+from cnc.session.pipeline import path_of
 
 Floats = NDArray[np.float64]
 
@@ -190,14 +188,7 @@ def blocks_of(case: Case) -> list[Block]:
 
 def planned(case: Case) -> list[PlanChunk]:
     """Return our plans."""
-    path = build(
-        blocks_of(case),
-        axes=AXES,
-        start=np.zeros(3),
-        short_legs=Joints(case.machine).short_legs,
-        duration=motion_time(case.machine),
-    )
-    items = LookAhead(case.machine).plan(path)
+    items = LookAhead(case.machine).plan(path_of(blocks_of(case), case.machine, np.zeros(3)))
     return [item for item in items if isinstance(item, PlanChunk)]
 
 

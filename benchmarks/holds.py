@@ -28,16 +28,14 @@ from benchmarks import corners, optimum_cases
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block, Held
 from cnc.model.operator_control import Control
-from cnc.path.build import build
 from cnc.path.kernels.arclength import curve_inv_arclen
 from cnc.path.kernels.curve import LINE, curve_eval_s
-from cnc.planner.joints import Joints
 from cnc.planner.kernels.timed import is_timed
 from cnc.planner.limits import Limits
 from cnc.planner.lookahead import LookAhead
-from cnc.planner.motion_time import motion_time
 from cnc.planner.plan import PlanChunk
 from cnc.planner.window import SLICE
+from cnc.session.pipeline import path_of
 
 Floats = NDArray[np.float64]
 Random = np.random.Generator
@@ -97,16 +95,7 @@ FAMILIES = (POLYGONS, *optimum_cases.FAMILIES)
 def motion(program: Program, control: Control | None = None) -> Iterator[PlanChunk | Block]:
     """Yield the plans of a program, and holds."""
     machine = program.machine
-    axes, start = optimum_cases.AXES, np.zeros(3)
-    joints = Joints(machine)
-    path = build(
-        program.blocks,
-        axes=axes,
-        start=start,
-        short_legs=joints.short_legs,
-        duration=motion_time(machine),
-    )
-    yield from LookAhead(machine, control).plan(joints.path(path, start))
+    yield from LookAhead(machine, control).plan(path_of(program.blocks, machine, np.zeros(3)))
 
 
 def state(plan: PlanChunk, time: float) -> tuple[Floats, Floats, bool]:

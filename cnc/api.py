@@ -32,16 +32,15 @@ from cnc.model.blocks import Block
 from cnc.model.choices import DialectName
 from cnc.model.diagnostics import BoardError, Diagnostic, UsageError
 from cnc.model.operator_control import Control, HomingStopped
-from cnc.path.build import build
 from cnc.planner.joints import Joints
 from cnc.planner.lookahead import LookAhead
-from cnc.planner.motion_time import motion_time
 from cnc.planner.plan import PlanChunk
 from cnc.report.result import Report
 from cnc.session.context import Callbacks
 from cnc.session.kernel_cache import ensure_compiled
 from cnc.session.kernel_needs import moving_jobs
 from cnc.session.options import Outputs, RunOptions
+from cnc.session.pipeline import path_of
 from cnc.session.program_reader import start_position
 from cnc.session.run_pulses import Progress
 from cnc.session.session import Session
@@ -106,16 +105,8 @@ def plan(
         GcodeError, UsageError, MachineFileError: As :func:`parse`.
     """
     known = _loaded(machine)
-    joints = Joints(known)
-    path = build(
-        parse(program, known, dialect=dialect),
-        axes=known.axis_names,
-        start=start_position(known),
-        tolerance=known.path.tolerance,
-        short_legs=joints.short_legs,
-        duration=motion_time(known),
-    )
-    yield from LookAhead(known).plan(joints.path(path, start_position(known)))
+    blocks = parse(program, known, dialect=dialect)
+    yield from LookAhead(known).plan(path_of(blocks, known, start_position(known)))
 
 
 def check(

@@ -10,9 +10,11 @@ from cnc.grbl_lines.number_format import board_axes
 from cnc.machine.models import Machine
 from cnc.model.units import per_second
 
-BLOCKS_AHEAD = 14
-"""Moves that a planner of 15 knows on average when it begins one: the last place is free while the
-next line is read.
+PLANNER_MOVES = 15
+"""Moves that GRBL's planner holds."""
+MOVES_AHEAD = PLANNER_MOVES - 1
+"""Moves that it knows on average when it begins one: the last place is free while the next line is
+read.
 """
 JUNCTION_DEVIATION, ARC_TOLERANCE = 11, 12
 STEPS, MAX_RATE, ACCELERATION = 100, 110, 120
@@ -38,7 +40,7 @@ class BoardLimits:
     accelerations: tuple[float, ...]
     junction_deviation: float = 0.01
     arc_tolerance: float = 0.002
-    blocks: int = BLOCKS_AHEAD
+    blocks: int = MOVES_AHEAD
     steps: tuple[float, ...] = ()
     baud: int = 0
 
@@ -78,6 +80,6 @@ class BoardLimits:
             settings.get(JUNCTION_DEVIATION, own.junction_deviation),
             settings.get(ARC_TOLERANCE) or own.arc_tolerance,
             places - 1 if places > 1 else own.blocks,
-            steps=tuple(settings.get(STEPS + k) or known for k, known in enumerate(own.steps)),
+            steps=tuple(settings.get(STEPS + k) or steps for k, steps in enumerate(own.steps)),
             baud=own.baud,
         )

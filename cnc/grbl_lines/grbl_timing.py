@@ -16,8 +16,7 @@ Both passes are sums and minima of whole arrays. The backward pass takes as many
 known ahead. The forward pass, with S the sum of 2 a d so far, is v_k^2 = S_k + min over j <= k of
 (bound_j - S_j).
 
-Short lines may arrive too slowly for this: :mod:`cnc.grbl_lines.grbl_timing` adds the time that is
-lost then.
+Short lines may arrive too slowly for this: :class:`LineArrival` adds the time that is lost then.
 
 All other lines wait until the motion has come to rest (GRBL synchronises for M codes, dwells,
 probes and EEPROM writes). The operator changes overrides: times are kept for a few of them and
@@ -41,6 +40,8 @@ from cnc.grbl_lines.number_format import PLANE_COLUMNS, Point
 from cnc.grbl_lines.writer import BITS_PER_BYTE, BYTE_TIME, LINE_TIME
 from cnc.model.line_effects import ARCS, MOTIONS, LineEffect, LineKind, effects_of
 from cnc.model.streams import GcodeLine
+
+Floats = NDArray[np.float64]
 
 # The largest speeds and accelerations of the motion of a GRBL board.
 
@@ -151,8 +152,6 @@ class LineArrival:
         self._states["board"] = np.maximum(self._states["board"], total)
         self._states["speed"] = 0.0
 
-
-Floats = NDArray[np.float64]
 
 BATCH = 8192
 """Blocks that are computed at once."""
@@ -288,9 +287,9 @@ class BoardTime:
             sizes: Bytes of each line with its end.
         """
         kinds = rows["kind"]
-        others = np.flatnonzero((kinds != LineKind.RAPID) & (kinds != LineKind.FEED)).tolist()
+        stops = np.flatnonzero((kinds != LineKind.RAPID) & (kinds != LineKind.FEED)).tolist()
         first = 0
-        for place in [*others, len(rows)]:
+        for place in [*stops, len(rows)]:
             if place - first >= WORTH_ARRAYS:
                 for begin in range(first, place, BATCH):
                     part = slice(begin, min(begin + BATCH, place))
@@ -393,8 +392,8 @@ class BoardTime:
 
     def _whole_steps(self, points: Floats) -> Floats:
         """Return the nearest points that whole steps reach."""
-        known = np.where(self._steps > 0.0, self._steps, 1.0)
-        on_grid = np.rint((points - self._origin) * known) / known + self._origin
+        scale = np.where(self._steps > 0.0, self._steps, 1.0)
+        on_grid = np.rint((points - self._origin) * scale) / scale + self._origin
         return np.where(self._steps > 0.0, on_grid, points)
 
     def _planned(
@@ -437,9 +436,9 @@ class BoardTime:
             speeds.append(np.sqrt(squares))
             if self._cases[case] == (1.0, 1.0):
                 self._note_largest(units[:done], lengths, acceleration, nominal, speeds[-1])
-        each = np.array(speeds).T
+        ends = np.array(speeds).T
         return Moves(
-            lengths, acceleration, np.array(nominals).T.copy(), each[:-1].copy(), each[1:].copy(),
+            lengths, acceleration, np.array(nominals).T.copy(), ends[:-1].copy(), ends[1:].copy(),
             np.empty(0, np.int64),
         )  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""Numbers, words and comments as GRBL 1.1 reads them.
+"""Axes, moves, numbers, words and comments as GRBL 1.1 reads them.
 
 GRBL keeps about 7 digits of a number (a 32-bit float) and takes lines of at most 80 characters. It
 takes the characters ``?`` ``!`` ``~`` and every byte from 0x80 on out of the stream wherever they

@@ -1,4 +1,6 @@
-"""Dense samples of a path, with highest speed, feed and source line of each interval.
+"""Dense samples of a path for a board that plans, and the lines and arcs fitted through them.
+
+A sample begins an interval, which has a highest speed, a feed and a source line.
 
                      cut            cut
     ...o..o..o..o..o..O-------------O~~~
@@ -9,7 +11,7 @@ programmed feed changes, at commands that go with the motion, and at both ends o
 which is one interval whatever its length. All other points may be passed within the tolerance.
 
 Curves are sampled so densely that chords between the points deviate by a small part of the
-tolerance. The speed of an interval is that of :mod:`cnc.grbl_lines.path_samples`, or the feed.
+tolerance. The speed of an interval is that of :class:`SpeedLimits`, or the feed.
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cnc.grbl_lines.board_limits import PLANNER_MOVES
 from cnc.grbl_lines.kernels.arc_fit import STRAIGHT, FitLimits, arc_stays_inside, fit_fewest
 from cnc.grbl_lines.number_format import (
     BOARD_LETTERS,
@@ -38,6 +41,10 @@ from cnc.model.diagnostics import Diagnostic, GcodeError
 from cnc.model.motion_commands import Commands, command_array, joined, places_of
 from cnc.path.chunk import PathChunk
 from cnc.path.kernels.curve import ARC, LINE, SPAN, SPAN_BODY, START, U0, U1, curve_eval
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Ints = NDArray[np.int64]
 
 # A margin at the ends of the travel, so that rounding never trips a soft limit of the board.
 #
@@ -153,14 +160,14 @@ class SpeedLimits(NamedTuple):
         """Return the limits of a machine file."""
         axes = [machine.axes.get(letter) for letter in board_axes(machine.axes)]
 
-        def each(name: str) -> Floats:
+        def of_axes(name: str) -> Floats:
             return np.array([getattr(axis, name, None) or math.inf for axis in axes])
 
         return cls(
             machine.path.max_feed or math.inf,
-            each("max_velocity"),
-            each("max_acceleration"),
-            each("max_jerk"),
+            of_axes("max_velocity"),
+            of_axes("max_acceleration"),
+            of_axes("max_jerk"),
             machine.path.max_normal_acceleration or math.inf,
         )
 
@@ -239,9 +246,6 @@ def corner_speeds(points: Floats, accelerations: Floats, deviation: float) -> Fl
     squares: Floats = acceleration * deviation * half / np.maximum(1.0 - half, NOTHING)
     return np.sqrt(squares)
 
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 CORNER_COSINE = math.cos(math.radians(30.0))
 """A sharper turn is a corner, where lines meet exactly, as in :mod:`cnc.path.fit`."""
@@ -389,21 +393,21 @@ class PathSampler:
             points.append(rows)
             arc += [NO_ARC if programmed is None else len(arcs)] * (end - begin)
             arcs += [] if programmed is None else [programmed]
-        each = np.repeat(np.arange(len(path)), counts)
-        rest = np.zeros(len(each) + 1, np.bool_)
+        piece = np.repeat(np.arange(len(path)), counts)
+        rest = np.zeros(len(piece) + 1, np.bool_)
         rest[np.cumsum(counts)] = path.stop_after
-        feed = path.feed[each]
+        feed = path.feed[piece]
         most = np.fmin(np.where(np.isnan(feed), np.inf, self._limits.feed), feed)
         joined_points = np.concatenate(points)
-        rotates, ratio = self._rotation(path, each, joined_points)
+        rotates, ratio = self._rotation(path, piece, joined_points)
         feed = feed * ratio
         return PathSamples(
             points=self._travel.inside(joined_points),
             rest=rest,
             speed=np.minimum(np.concatenate(speeds), most * ratio),
             feed=feed,
-            line=path.line[each],
-            straight=kinds[each] == LINE,
+            line=path.line[piece],
+            straight=kinds[piece] == LINE,
             rotates=rotates,
             arc=np.repeat(np.array(arc), counts),
             arcs=tuple(arcs),
@@ -411,7 +415,7 @@ class PathSampler:
         )
 
     def _rotation(
-        self, path: PathChunk, each: NDArray[np.int64], points: Floats
+        self, path: PathChunk, piece: NDArray[np.int64], points: Floats
     ) -> tuple[Flags, Floats]:
         """Return where a rotary axis moves, and how much longer the move is in all axes.
 
@@ -420,18 +424,18 @@ class PathSampler:
 
         Args:
             path: The pieces.
-            each: Piece of each interval (k,).
+            piece: Piece of each interval (k,).
             points: Ends of the intervals (k + 1, n).
         """
         if points.shape[1] == len(LETTERS):
-            return np.zeros(len(each), np.bool_), np.ones(len(each))
+            return np.zeros(len(piece), np.bool_), np.ones(len(piece))
         steps = np.diff(points, axis=0)
         rotates = (steps[:, len(LETTERS) :] != 0.0).any(axis=1)
         whole = np.linalg.norm(steps, axis=1)
         linear = np.linalg.norm(steps[:, : len(LETTERS)], axis=1)
-        along = np.where(path.kind[each] == LINE, path.length[each], linear)
-        known = rotates & (along > 0.0)
-        ratio = np.where(known, whole / np.where(known, along, 1.0), 1.0)
+        along = np.where(path.kind[piece] == LINE, path.length[piece], linear)
+        measured = rotates & (along > 0.0)
+        ratio = np.where(measured, whole / np.where(measured, along, 1.0), 1.0)
         return rotates, ratio
 
     def _arc_speed(self, arc: PlaneArc, start: Floats, end: Floats) -> float:
@@ -551,16 +555,12 @@ def span_points(data: Floats, body: int, n: int, u: Floats) -> Floats:
     return points
 
 
-# The fewest lines and arcs along a stretch of path, found by the kernel of the same name.
-
-Ints = NDArray[np.int64]
+# The fewest lines and arcs along a stretch of path (:mod:`cnc.grbl_lines.kernels.arc_fit`).
 
 SAME_LINE = math.cos(math.radians(0.05))
 """Cosine above which two straight moves count as one line."""
 AS_FAST = 0.98
 """Part of the speed along straight moves that an arc must have to replace them."""
-BLOCKS = 15
-"""Moves that the planner of a GRBL board holds: so many may follow each other faster than lines."""
 
 
 class Fit(NamedTuple):
@@ -651,8 +651,8 @@ def _starving(samples: PathSamples, speeds: Floats, line_time: float) -> Flags:
     lengths = np.linalg.norm(np.diff(samples.points, axis=0), axis=1)
     sums = np.concatenate(([0.0], np.cumsum(lengths / np.maximum(speeds, NOTHING))))
     places = np.arange(len(lengths))
-    first = np.maximum(places - BLOCKS // 2, 0)
-    last = np.minimum(places + BLOCKS // 2 + 1, len(lengths))
+    first = np.maximum(places - PLANNER_MOVES // 2, 0)
+    last = np.minimum(places + PLANNER_MOVES // 2 + 1, len(lengths))
     starving: Flags = sums[last] - sums[first] < line_time * (last - first)
     return starving
 

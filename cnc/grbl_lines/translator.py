@@ -378,8 +378,8 @@ class Translator:
         """
         if self._position is None:
             return None
-        known = dict(zip(self._letters.lower(), self._position, strict=True))
-        return {letter: known[letter] for letter in self._axes if letter in known}
+        position = dict(zip(self._letters.lower(), self._position, strict=True))
+        return {letter: position[letter] for letter in self._axes if letter in position}
 
     def lines(self, item: PathChunk | Block) -> Iterator[GcodeLine]:
         """Yield the lines that the next item of the path makes certain.

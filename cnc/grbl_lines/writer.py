@@ -14,6 +14,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from cnc.grbl_lines.board_limits import PLANNER_MOVES
 from cnc.grbl_lines.kernels.arc_fit import board_chord
 from cnc.grbl_lines.number_format import (
     CENTER_LETTERS,
@@ -282,9 +283,7 @@ rate: 385 lines of 17 bytes a second.
 LINE_END = 2
 """Bytes of a line beside its words: a blank before the last one, and the line feed."""
 BITS_PER_BYTE = 10
-BLOCKS_AHEAD = 15
-"""Moves that GRBL's planner holds."""
-MOST_AHEAD = BLOCKS_AHEAD * LINE_TIME
+MOST_AHEAD = PLANNER_MOVES * LINE_TIME
 """Seconds by which motion may be ahead of the line rate."""
 
 MOTION_WORDS = {

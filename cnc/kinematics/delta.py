@@ -107,9 +107,9 @@ class RotaryDelta(TableWithFormulas):
     @classmethod
     def _reaches_the_centre(cls, rod: float, info: Info) -> float:
         """Refuse rods that no position of the arms brings to the centre."""
-        known = info.data
-        if {"base", "platform", "arm"} <= known.keys():
-            least = abs(known["base"] - known["platform"]) - known["arm"]
+        lengths = info.data
+        if {"base", "platform", "arm"} <= lengths.keys():
+            least = abs(lengths["base"] - lengths["platform"]) - lengths["arm"]
             if rod <= least:
                 raise ValueError(f"must be longer than {least:g}: the rods do not reach the centre")
         return rod
@@ -117,15 +117,15 @@ class RotaryDelta(TableWithFormulas):
     def inverse(self, tip: Sequence[Series]) -> list[Series]:
         """Return the angles of the arms below the level, degrees."""
         x, y, z = tip
-        found = []
+        angles = []
         for cosine, sine in self._directions():
             along = x * cosine + y * sine - (self.base - self.platform)
             across = y * cosine - x * sine
             squares = along.square() + z.square()
             k = (squares + across.square() + (self.arm**2 - self.rod**2)) * (0.5 / self.arm)
             root = sqrt(squares - k.square())
-            found.append((atan2(-z, along) - atan2(root, k)) * DEGREES)
-        return found
+            angles.append((atan2(-z, along) - atan2(root, k)) * DEGREES)
+        return angles
 
     def forward(self, joints: Sequence[Floats]) -> list[Floats]:
         """Return the tip."""

@@ -102,11 +102,11 @@ class TipControl(Kinematics):
         *linear, tilt, turn = joints
         waves = [(np.sin(angle / DEGREES), np.cos(angle / DEGREES)) for angle in (tilt, turn)]
         tool = self._tool(waves[0], waves[1])
-        found: Coordinates = [joint + v for joint, v in zip(linear, tool, strict=True)]
+        place: Coordinates = [joint + v for joint, v in zip(linear, tool, strict=True)]
         for rotation, wave in ((self._tilt, waves[0]), (self._turn, waves[1])):
             if rotation.on_table:
-                found = _turned(found, rotation, wave, 1.0)
-        tip = [value + shift for value, shift in zip(found, self._offset, strict=True)]
+                place = _turned(place, rotation, wave, 1.0)
+        tip = [value + shift for value, shift in zip(place, self._offset, strict=True)]
         return [*tip, tilt, turn]
 
     def _joints(self, part: Coordinates, tilt: Any, turn: Any) -> Coordinates:
@@ -119,12 +119,12 @@ class TipControl(Kinematics):
 
     def _tool(self, tilt: Any, turn: Any) -> Coordinates:
         """Return the tip from the gauge point."""
-        found: Coordinates = [-value for value in self._offset]
+        tool: Coordinates = [-value for value in self._offset]
         if not self._tilt.on_table:
-            found = _turned(found, self._tilt, tilt, 1.0)
+            tool = _turned(tool, self._tilt, tilt, 1.0)
         if not self._turn.on_table:
-            found = _turned(found, self._turn, turn, 1.0)
-        return found
+            tool = _turned(tool, self._turn, turn, 1.0)
+        return tool
 
 
 def _turned(point: Coordinates, rotation: Rotation, wave: Any, direction: float) -> Coordinates:
@@ -133,10 +133,10 @@ def _turned(point: Coordinates, rotation: Rotation, wave: Any, direction: float)
     sign = direction * rotation.sign
     i, j = ((1, 2), (2, 0), (0, 1))[rotation.about]
     a, b = point[i] - rotation.point[i], point[j] - rotation.point[j]
-    found = list(point)
-    found[i] = cosine * a - sine * (b * sign) + rotation.point[i]
-    found[j] = sine * (a * sign) + cosine * b + rotation.point[j]
-    return found
+    turned = list(point)
+    turned[i] = cosine * a - sine * (b * sign) + rotation.point[i]
+    turned[j] = sine * (a * sign) + cosine * b + rotation.point[j]
+    return turned
 
 
 class FiveAxis(Table):

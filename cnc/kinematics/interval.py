@@ -85,24 +85,24 @@ def atan2(y: Interval, x: Interval) -> Interval:
     a corner.
     """
     corners = [np.arctan2(b, a) for b in (y.lo, y.hi) for a in (x.lo, x.hi)]
-    found = _hull(*corners)
+    angles = _hull(*corners)
     jumps = (x.lo <= 0.0) & (y.lo <= 0.0) & (y.hi >= 0.0)
-    return Interval(np.where(jumps, -np.pi, found.lo), np.where(jumps, np.pi, found.hi))
+    return Interval(np.where(jumps, -np.pi, angles.lo), np.where(jumps, np.pi, angles.hi))
 
 
 def _ends(value: Interval | Floats | float) -> tuple[Floats | float, Floats | float]:
     return (value.lo, value.hi) if isinstance(value, Interval) else (value, value)
 
 
-def _hull(*each: Floats) -> Interval:
+def _hull(*numbers: Floats) -> Interval:
     """Return the least intervals that hold all of the numbers; unbounded where one is undefined."""
-    low = high = each[0]
-    for number in each[1:]:
+    low = high = numbers[0]
+    for number in numbers[1:]:
         low, high = np.minimum(low, number), np.maximum(high, number)
     # Both are undefined where a number is.
     undefined = np.isnan(low)
-    found = Interval(low, high)
-    return _unbounded(found, undefined) if undefined.any() else found
+    hull = Interval(low, high)
+    return _unbounded(hull, undefined) if undefined.any() else hull
 
 
 def _unbounded(value: Interval, where: NDArray[np.bool_]) -> Interval:

@@ -10,7 +10,7 @@ so, on the branch s = +1 or -1 of the sign of t,
 
 A great circle from d0 towards the unit vector e at right angles to it is d(u) = d0 cos wu + e sin
 wu, with u from 0 to 1. The angles become polynomials of degree 7 on parts of it, as the joints do
-in joint_path.py, with the same proof of their error. A circle through the axis of C has no bounded
+in joints.py, with the same proof of their error. A circle through the axis of C has no bounded
 speed of C. A circle that begins or ends there is a meridian: C stands still on it.
 """
 
@@ -152,14 +152,14 @@ def _straight(end: tuple[float, float]) -> Swing:
 
 def _at_turns(start: tuple[float, float], end: Floats, shift: float) -> tuple[float, float]:
     """Return tilt and turn of a direction, on the branch with the least turn of C."""
-    found = []
+    branches = []
     for sign in (1.0, -1.0):
         turn = math.degrees(math.atan2(sign * end[1], sign * end[0])) + shift
         turn += TURN * round((start[1] - turn) / TURN)
         tilt = math.degrees(sign * _tilt(end))
         tilt += TURN * round((start[0] - tilt) / TURN)
-        found.append((abs(turn - start[1]), (tilt, turn)))
-    return min(found)[1]
+        branches.append((abs(turn - start[1]), (tilt, turn)))
+    return min(branches)[1]
 
 
 def _nearest(begin: Floats, across: Floats, angle: float) -> float:
@@ -224,10 +224,10 @@ def _parts(circle: _Circle) -> Floats:
 
 def _bezier(left: Floats, right: Floats, width: Floats) -> Floats:
     """Return control points (m, 8) of the polynomials with three derivatives at both ends."""
-    found = np.zeros((len(width), DEGREE + 1))
+    points = np.zeros((len(width), DEGREE + 1))
     for i in range(4):
         for k in range(i + 1):
             share = math.comb(i, k) / math.comb(DEGREE, k) * width**k
-            found[:, i] += share * left[k]
-            found[:, DEGREE - i] += share * (-1.0) ** k * right[k]
-    return found
+            points[:, i] += share * left[k]
+            points[:, DEGREE - i] += share * (-1.0) ** k * right[k]
+    return points

@@ -73,11 +73,11 @@ class Series:
     def __truediv__(self, other: Series | float) -> Series:
         if not isinstance(other, Series):
             return self * (1.0 / other)
-        found: list[Term] = [_quotient(self.terms[0], other.terms[0])]
+        quotient: list[Term] = [_quotient(self.terms[0], other.terms[0])]
         for k in range(1, len(self.terms)):
-            rest = self.terms[k] - _convolved(other.terms, found, 1, k, k)
-            found.append(_quotient(rest, other.terms[0]))
-        return Series(found)
+            rest = self.terms[k] - _convolved(other.terms, quotient, 1, k, k)
+            quotient.append(_quotient(rest, other.terms[0]))
+        return Series(quotient)
 
     def square(self) -> Series:
         """Return the square; its first term is not negative, in intervals too."""
@@ -90,17 +90,17 @@ def sqrt(value: Series) -> Series:
     """Return the square root; not a number, or unbounded, where the value is negative."""
     first = value.terms[0]
     if isinstance(first, Interval):
-        found: list[Term] = [first.sqrt()]
+        root: list[Term] = [first.sqrt()]
     else:
         with np.errstate(invalid="ignore"):
-            found = [np.sqrt(first)]
+            root = [np.sqrt(first)]
     with np.errstate(divide="ignore", invalid="ignore"):
         for k in range(1, len(value.terms)):
             rest = value.terms[k]
             if k > 1:
-                rest = rest - _convolved(found, found, 1, k - 1, k)
-            found.append(_quotient(rest, found[0] * 2.0))
-    return Series(found)
+                rest = rest - _convolved(root, root, 1, k - 1, k)
+            root.append(_quotient(rest, root[0] * 2.0))
+    return Series(root)
 
 
 def atan2(y: Series, x: Series) -> Series:

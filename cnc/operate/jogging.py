@@ -24,12 +24,12 @@ from cnc.machine.models import Axis, Machine
 from cnc.model.blocks import Block, Held, Polyline
 from cnc.model.diagnostics import Diagnostic, UsageError
 from cnc.model.operator_control import Control
-from cnc.path.build import build
 from cnc.planner.joints import Joints
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
 from cnc.planner.window import SLICE
 from cnc.pulses.reference_pulse import ReferencePulse
+from cnc.session.pipeline import path_of
 from cnc.session.run_pulses import Outcome, Progress, execute
 
 REST_TIME = 0.2
@@ -237,8 +237,7 @@ def jog(
     fastest = min(machine.board.max_step_rate, board.capabilities.max_step_rate)
     planner = LookAhead(machine, control, slice_s=board.capabilities.slice_s or SLICE)
     block = Polyline(FILE, 0, end[None, :], np.array([feed]), np.zeros(1, np.int32))
-    line = build([block], axes=machine.axis_names, start=start)
-    path = joints.path(line, start, certain=False)
+    path = path_of([block], machine, start, certain=False)
     pulses = ReferencePulse(
         joints.machine.steps_per_mm,
         joints.at(start),

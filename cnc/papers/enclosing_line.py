@@ -35,6 +35,8 @@ from cnc.pulses.kernels.grid_moves import Grid, Moves, Piece, round_to
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
 
+Floats = NDArray[np.float64]
+
 
 # Reference pulses on a bare curve by enclosing lines and by Kiritsis.
 #
@@ -224,8 +226,6 @@ def _steps(
     )
     return Steps(step.copy(), u.copy(), grid, error, seconds)
 
-
-Floats = NDArray[np.float64]
 
 FINE, COARSE = 1000.0, 1.0
 """Steps per mm: BLU 0.001 mm of the tables, 1 mm of the figures."""

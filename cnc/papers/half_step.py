@@ -246,7 +246,7 @@ def octants() -> Table:
     ways = [half_step_circle(1000, clockwise=clockwise) for clockwise in (False, True)]
     rows: list[list[Cell]] = []
     for octant in range(8):
-        found = []
+        feeds = []
         for walked in ways:
             middle = 0.5 * (walked[1:] + walked[:-1])
             inside = (
@@ -256,7 +256,7 @@ def octants() -> Table:
             )
             moves, count = np.unique(np.diff(walked, axis=0)[inside], axis=0, return_counts=True)
             # where two octants meet there may be one move of the next
-            found.append(
+            feeds.append(
                 ", ".join(
                     sorted(
                         SIGNS[int(x), int(y)]
@@ -265,7 +265,7 @@ def octants() -> Table:
                     )
                 )
             )
-        rows.append([f"{45 * octant} to {45 * octant + 45}", *found])
+        rows.append([f"{45 * octant} to {45 * octant + 45}", *feeds])
     return Table(
         "Figure 6. The feeds of the octants, R = 1000",
         ("degrees", "counter-clockwise", "clockwise"),

@@ -35,6 +35,8 @@ from cnc.pulses.sampled import Sampled
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
 
+Floats = NDArray[np.float64]
+
 
 # The sampled NURBS interpolator of Hui, Wei and Gao on a bare curve, from rest to rest.
 #
@@ -311,8 +313,6 @@ class LookaheadFigures:
         self._over_time(axes, self.runs[1:], lambda run: run.jerk, "jerk, mm/s³", -jerk, jerk)
         axes.set_yscale("symlog", linthresh=2.0 * jerk)
 
-
-Floats = NDArray[np.float64]
 
 KNOTS = (0.0, 0.0, 0.0, 0.0, 0.25, 0.5, 0.75, 1.0, 1.0, 1.0, 1.0)
 """Ten are printed, but 7 points of degree 3 need 11. Of the seven weights of 1 six are printed."""

@@ -102,7 +102,9 @@ def _compared(name: str, start: NDArray[np.float64], block: Block) -> Iterator[l
     ends, steady = np.array([0.0, length]), np.full(2, SPEED)
     plan = PlanChunk(path, piece_s, 0.0, 0.0, ends / SPEED, ends, steady, np.zeros(2), np.zeros(1))
     for algorithm in (
-        each for each in ALGORITHMS if each != "half-step" or not isinstance(block, NurbsFeed)
+        algorithm
+        for algorithm in ALGORITHMS
+        if algorithm != "half-step" or not isinstance(block, NurbsFeed)
     ):
         step, error, seconds = min(
             (_rows(plan, start, algorithm) for _ in range(REPEATS)), key=lambda run: run[2]

@@ -1,4 +1,7 @@
-"""Records of the pieces of a block that moves, and the checks of its numbers."""
+"""Pieces of the blocks that move: their records, their gathering into chunks, and their checks.
+
+block ──► records (records.py) ──► cut where the tip of a NURBS stands ──► Gatherer ──► PathChunk
+"""
 
 from __future__ import annotations
 
@@ -262,7 +265,7 @@ def _one(records: Records, place: int) -> Records:
 
 def _cuts(span: _Span, classes: Ints) -> list[_Cut]:
     """Return the parts at the ends at which the tip stands."""
-    found = []
+    cuts = []
     extent = np.abs(span.points - span.points[:, :1]).max(axis=1)
     least = np.maximum(ZERO * extent, ROUNDING)[:, None]
     for at_end in (False, True):
@@ -280,10 +283,10 @@ def _cuts(span: _Span, classes: Ints) -> list[_Cut]:
         far = _speed(span, span.metric, place) >= wanted * _speed(span, riders, place)
         width = float(SHARES[max(int(np.argmax(far)) - 1, 0)]) if far.any() else 0.5
         first, last = (1.0 - width, 1.0) if at_end else (0.0, width)
-        found.append(_Cut(first, last, measure))
-    if len(found) == 2 and found[0].last >= found[1].first:
-        return [_Cut(0.0, 1.0, found[0].measure)]
-    return found
+        cuts.append(_Cut(first, last, measure))
+    if len(cuts) == 2 and cuts[0].last >= cuts[1].first:
+        return [_Cut(0.0, 1.0, cuts[0].measure)]
+    return cuts
 
 
 def _parts(
@@ -292,9 +295,9 @@ def _parts(
     """Yield the records of a span that is cut, and the factors of the feed."""
     tip = int(classes[span.metric[0]])
     between = [0.0, *(place for cut in cuts for place in (cut.first, cut.last)), 1.0]
-    each = [*cuts, *(_Cut(a, b, tip) for a, b in zip(between[::2], between[1::2], strict=True))]
+    parts = [*cuts, *(_Cut(a, b, tip) for a, b in zip(between[::2], between[1::2], strict=True))]
     position = span.start
-    for cut in sorted(cut for cut in each if cut.first < cut.last):
+    for cut in sorted(cut for cut in parts if cut.first < cut.last):
         part = _part(span, cut)
         swapped, factor = classes, 1.0
         if cut.measure != tip:
@@ -338,8 +341,8 @@ def _speed(span: _Span, columns: Ints, t: Floats) -> Floats:
     while rows.shape[1] > 2:
         rows = rows[:, :-1] + t * np.diff(rows, axis=1)
     value, slope = rows[:, 0] + t * (rows[:, 1] - rows[:, 0]), degree * (rows[:, 1] - rows[:, 0])
-    found = (slope[1:] - slope[0] * value[1:] / value[0]) / value[0]
-    speed: Floats = np.sqrt(np.sum(np.square(found), axis=0))
+    velocity = (slope[1:] - slope[0] * value[1:] / value[0]) / value[0]
+    speed: Floats = np.sqrt(np.sum(np.square(velocity), axis=0))
     return speed
 
 
@@ -399,10 +402,10 @@ def pieces_of(
     if isinstance(block, NurbsFeed) and np.ptp(points[:, classes != 0], axis=0).any():
         paced = with_standing_tip(runs, classes, accuracy)
     last: tuple[Records, float] | None = None
-    for each in paced:
+    for run in paced:
         if last is not None:
             yield *_spread(block, *last, stop=False), None
-        last = each
+        last = run
     if last is not None:
         position[:] = _end_of(last[0], len(axes))
         yield *_spread(block, *last, stop=exact_stop), None

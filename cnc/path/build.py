@@ -11,8 +11,10 @@ under exact stop (G61.1) at the end of every block and every straight move, and 
 probing move. Under G64 each joint of two pieces has the tolerance in effect, or the smaller one
 where it changes there. PathMode ends here: no layer below needs it.
 
-A probe passes through, then its move. No block behind it is read before the consumer asks for more.
-By then the board has answered, and the path goes on from the point of contact.
+Where a spline or corners may be faster, both are offered (:class:`cnc.path.fit.Alternatives`), and
+the consumer answers before it asks for more. A probe passes through, then its move. No block behind
+it is read before the consumer asks for more. By then the board has answered, and the path goes on
+from the point of contact.
 """
 
 from __future__ import annotations
@@ -35,9 +37,9 @@ from cnc.model.blocks import (
     TipControl,
 )
 from cnc.model.motion_commands import apart, goes_with_motion, rests
-from cnc.path.block_pieces import Frame, Gatherer, Pieces, moves_of, pieces_of
+from cnc.path.block_pieces import Frame, Gatherer, moves_of, pieces_of
 from cnc.path.chunk import PathChunk
-from cnc.path.fit import LEAST_TOLERANCE, Duration, Fitter
+from cnc.path.fit import LEAST_TOLERANCE, Alternatives, Fitted, Fitter
 from cnc.path.fit_curves import arc_of, nurbs_chords
 from cnc.path.records import (
     Floats,
@@ -65,8 +67,8 @@ class DueTimes:
 
     def add(self, file: str, lines: NDArray[np.int32], seconds: Floats) -> None:
         """Add moves: the source line and the time of each (m,), s; NaN for a traverse."""
-        for line, each in zip(lines.tolist(), seconds.tolist(), strict=True):
-            self._blocks.append(((file, line), each))
+        for line, duration in zip(lines.tolist(), seconds.tolist(), strict=True):
+            self._blocks.append(((file, line), duration))
 
     def before(self, place: Place | None) -> float:
         """Take the moves before the next one of a place, and return the sum of their times, s.
@@ -74,11 +76,11 @@ class DueTimes:
         Args:
             place: None takes all moves.
         """
-        return self._taken(lambda found: found != place)
+        return self._taken(lambda at: at != place)
 
     def at(self, place: Place) -> float:
         """Take the next moves while they are of a place, and return the sum of their times, s."""
-        return self._taken(lambda found: found == place)
+        return self._taken(lambda at: at == place)
 
     def _taken(self, wanted: Callable[[Place], bool]) -> float:
         total, blocks = 0.0, self._blocks
@@ -102,7 +104,7 @@ def build(
     tolerance: float = 0.0,
     due_times: DueTimes | None = None,
     short_legs: int | None = None,
-    duration: Duration | None = None,
+    offers_corners: bool = False,
 ) -> Iterator[PathChunk | Block]:
     """Yield the path of ``blocks`` in chunks, and the blocks without motion, in order.
 
@@ -115,13 +117,13 @@ def build(
         due_times: receives the times of the blocks under G93; None for no record.
         short_legs: polygons under a tolerance stay straight, with up to so many vertices with short
             legs in a row (:class:`cnc.planner.joints.Joints`); None where they become splines.
-        duration: times a motion (:func:`cnc.planner.motion_time.motion_time`) where the fit chooses
-            between spline and corners; None for the spline.
+        offers_corners: whether corners are offered where they may be faster than a spline. The
+            consumer answers :class:`cnc.path.fit.Alternatives` before it asks for more.
 
     Raises:
         GcodeError: ``not-finite``, ``nurbs-not-continuous`` or ``nurbs-start`` at the block's line.
     """
-    builder = _Builder(axes, start, accuracy, tolerance, due_times, short_legs, duration)
+    builder = _Builder(axes, start, accuracy, tolerance, due_times, short_legs, offers_corners)
     for block in blocks:
         yield from builder.add(block)
     yield from builder.rest()
@@ -138,9 +140,9 @@ class _Builder:
         tolerance: float,
         due_times: DueTimes | None,
         short_legs: int | None,
-        duration: Duration | None,
+        offers_corners: bool,
     ) -> None:
-        self._short_legs, self._duration = short_legs, duration
+        self._short_legs, self._offers_corners = short_legs, offers_corners
         self._frame = Frame(axes, axis_classes(axes), accuracy)
         self._tolerance, self._due_times = tolerance, due_times
         self._position = np.array(start, np.float64)
@@ -219,7 +221,7 @@ class _Builder:
             or (bool(self._held) and isinstance(self._held[0], PathChunk))
         )
 
-    def _fitted(self, block: Polyline | ArcFeed | NurbsFeed) -> Iterator[Pieces] | None:
+    def _fitted(self, block: Polyline | ArcFeed | NurbsFeed) -> Iterator[Fitted] | None:
         """Return the pieces of a block under G64 that are final; None if it is to be exact."""
         here, frame = self._position, self._frame
         if self._fitter is None:
@@ -229,7 +231,7 @@ class _Builder:
                 here,
                 curved=self._curved,
                 short_legs=self._short_legs,
-                duration=self._duration,
+                offers_corners=self._offers_corners,
             )
         fitter = self._fitter
         match block:
@@ -247,14 +249,14 @@ class _Builder:
                     return None
                 return self._fitted_chords(block, runs, fitter)
 
-    def _fitted_moves(self, block: Polyline, fitter: Fitter) -> Iterator[Pieces]:
+    def _fitted_moves(self, block: Polyline, fitter: Fitter) -> Iterator[Fitted]:
         """Yield the final pieces when straight moves are added."""
         for points, feeds, lines, _ in moves_of(block, self._position):
             yield from fitter.add(points, feeds, lines)
 
     def _fitted_chords(
         self, block: NurbsFeed, runs: Iterator[Floats], fitter: Fitter
-    ) -> Iterator[Pieces]:
+    ) -> Iterator[Fitted]:
         """Yield the final pieces when the chords of a curve are added."""
         for run in runs:
             points = run[moving(self._position, run)]
@@ -307,9 +309,12 @@ class _Builder:
             if self._gatherer.full():
                 yield from self._hold()
 
-    def _gather(self, fitted: Iterable[Pieces]) -> Iterator[PathChunk | Block]:
+    def _gather(self, fitted: Iterable[Fitted]) -> Iterator[PathChunk | Block]:
         """Gather fitted pieces."""
         for pieces in fitted:
+            if isinstance(pieces, Alternatives):
+                yield pieces
+                continue
             self._limit_last_joint(pieces.before)
             self._gatherer.put(pieces, np.zeros(len(pieces.at), np.bool_))
             if self._gatherer.full():

@@ -54,13 +54,13 @@ class PathChunk:
 
     def part(self, first: int, last: int) -> PathChunk:
         """Return the pieces from ``first`` to before ``last``."""
-        each = {
+        columns = {
             field.name: getattr(self, field.name)[first:last]
             for field in fields(self)
             if field.name not in ("axes", "file", "data", "commands", "timed")
         }
         commands = None if self.commands is None else self.commands[first:last]
-        return replace(self, **each, commands=commands)
+        return replace(self, **columns, commands=commands)
 
 
 # Bounding boxes of pieces: exact, with the bulges of arcs and splines between their end points.

@@ -14,12 +14,14 @@ second derivative at the end of the spans that were issued. So the spline is C2 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cnc.model.blocks import Answer, Block
 from cnc.path.block_pieces import Frame, Gatherer, Pieces
 from cnc.path.chunk import PathChunk
 from cnc.path.fit_curves import LEFT, SPARE, Arc
@@ -55,10 +57,10 @@ from cnc.path.records import Floats, line_records, move_classes
 
 # The spline of a window of a chain: knots, control points, and the proof of the tolerance.
 #
-#     corners, straight stretches, first knots       kernels/path/fit_chain, fit_stretches
-#       ──► least squares; spans that miss a vertex are cut at one               fit_squares
-#       ──► the smoothest spline inside the tube about the chain       fit_tube, fit_program
-#       ──► proof; the spline near a span that fails is made anew                  fit_proof
+#     corners, straight stretches, first knots       kernels/fit_spline, kernels/fit_stretches
+#       ──► least squares; spans that miss a vertex are cut at one         kernels/fit_squares
+#       ──► the smoothest spline inside the tube about the chain           kernels/fit_program
+#       ──► proof; the spline near a span that fails is made anew            kernels/fit_proof
 #
 # A span that is refused for the first time, and is little off, gets more places where its distance
 # is limited. Others are cut, at a vertex if there is one inside, else in the middle. A knot inside
@@ -243,25 +245,42 @@ def spline_pieces(
 #
 # Where moves are short, a spline goes round turns that are no corners of the chain. Whether it is
 # faster there than a motion that passes the turns one by one depends on the limits of the machine.
-# So the planner times both, from rest to rest. A corner between a spline and a move is a stop, too.
+# So both are offered to the reader of the path, which answers before it asks for more
+# (cnc.planner.lookahead). A corner between a spline and a move is a stop, too.
 # Elsewhere the spline is faster: in parts with many moves, with small turns alone, or with moves of
 # many tolerances beside each sharp turn.
 #
 # With the spline alone, 100 polygons with legs of 3 to 24 tolerances take 1.057 times as long in
 # the median (limits along the path). Of 800 random walks the worst takes 2.98 times as long.
 
-Duration = Callable[[PathChunk], float]
-"""Returns the time of the motion along a path from rest to rest, s."""
 MOST_MOVES = 12
-"""Most moves of a part that is timed."""
+"""Most moves of a part that is offered."""
 SHARP = math.cos(math.radians(40.0))
 """Cosine of a turn that such a part has at least once, or a corner at an end."""
 SHORT = 20.0
 """In tolerances. Beside that turn or corner a move is shorter than this."""
 SHORT_ALONE = 100.0
 """In tolerances. So it is in a part with one turn."""
-FASTER = 0.99
-"""Corners are chosen where the motion takes less than this part of the time along the spline."""
+
+
+@dataclass(frozen=True, slots=True)
+class Alternatives(Block):
+    """Two paths along the same moves, from rest to rest.
+
+    Programs do not contain this block.
+
+    Attributes:
+        spline: the path as a spline.
+        corners: the path with corners.
+        answer: whether the motion is to have the corners, as 1 or 0.
+    """
+
+    spline: PathChunk
+    corners: PathChunk
+    answer: Answer = field(default_factory=Answer, compare=False)
+
+
+Fitted = Pieces | Alternatives
 
 
 class Part(NamedTuple):
@@ -279,21 +298,23 @@ class Part(NamedTuple):
 
 
 class Choice:
-    """Chooses between spline and corners.
+    """Offers the choice between spline and corners.
 
     Args:
         frame: axes and accuracy.
         tolerance: largest distance from the moves, mm.
-        duration: times a motion.
     """
 
-    def __init__(self, frame: Frame, tolerance: float, duration: Duration) -> None:
-        self._frame, self._tolerance, self._duration = frame, tolerance, duration
+    def __init__(self, frame: Frame, tolerance: float) -> None:
+        self._frame, self._tolerance = frame, tolerance
 
     def mark(
         self, x: Floats, moves: Moves, metrics: Flags, corner: Flags, whole: tuple[bool, bool]
-    ) -> None:
+    ) -> Iterator[Alternatives]:
         """Mark the vertices at which the motion is faster with corners.
+
+        Yields:
+            Each choice; it is to be answered before the next one.
 
         Args:
             x: (m, n): vertices, mm.
@@ -316,13 +337,15 @@ class Choice:
                     if key in slower:
                         # Nothing has changed beside it, and each timing takes long.
                         continue
-                    if self._faster_broken(part, (low, high), x, moves, metrics, corner):
+                    choice = self._alternatives(part, (low, high), x, moves, metrics, corner)
+                    yield choice
+                    if choice.answer.values == (1.0,):
                         corner[first : last + 1] |= part.turning
                         again = True
                     else:
                         slower.add(key)
 
-    def _faster_broken(
+    def _alternatives(
         self,
         part: Part,
         beside: tuple[int, int],
@@ -330,10 +353,10 @@ class Choice:
         moves: Moves,
         metrics: Flags,
         corner: Flags,
-    ) -> bool:
-        """Return whether the motion is faster if the vertices of a part are corners.
+    ) -> Alternatives:
+        """Return the paths without and with corners at the vertices of a part.
 
-        ``beside``: the first and the last vertex of what is timed.
+        ``beside``: their first and their last vertex.
         """
         low, high = beside
         inside = slice(low, high + 1)
@@ -342,11 +365,12 @@ class Choice:
         smooth[0] = smooth[-1] = False
         broken = smooth.copy()
         broken[part.first - low : part.last + 1 - low] |= part.turning
-        spline = self._time(x[inside], some, metrics, smooth)
-        return self._time(x[inside], some, metrics, broken) < FASTER * spline
+        spline = self._path(x[inside], some, metrics, smooth)
+        corners = self._path(x[inside], some, metrics, broken)
+        return Alternatives(spline.file, int(spline.line[0]), spline, corners)
 
-    def _time(self, x: Floats, moves: Moves, metrics: Flags, corner: Flags) -> float:
-        """Return the time of the motion along the fitted path of a part, s."""
+    def _path(self, x: Floats, moves: Moves, metrics: Flags, corner: Flags) -> PathChunk:
+        """Return the fitted path of a part, from rest to rest."""
         chain = Chain(x, np.empty(len(x)), np.flatnonzero(metrics), metrics)
         knots = first_knots(chain, corner, self._tolerance, np.zeros(0, KNOT))
         free_ends = np.full((2, DEGREE, x.shape[1]), math.nan)
@@ -365,7 +389,7 @@ class Choice:
         chunk = gatherer.take()
         chunk.stop_after[-1] = True
         chunk.tolerance[-1] = 0.0
-        return self._duration(chunk)
+        return chunk
 
 
 def _beside(corner: Flags, edge: int, way: int) -> int:
@@ -380,8 +404,8 @@ def _beside(corner: Flags, edge: int, way: int) -> int:
     if edge == last:
         return edge
     far = edge + way * min(MOST_MOVES, abs(last - edge))
-    found = [k for k in range(far, edge, -way) if corner[k] or k == last]
-    return found[0] if found else edge + way
+    ends = [k for k in range(far, edge, -way) if corner[k] or k == last]
+    return ends[0] if ends else edge + way
 
 
 def _parts(x: Floats, corner: Flags, tolerance: float) -> Iterator[Part]:
@@ -436,7 +460,7 @@ class Fitter:
             curve sets it.
         short_legs: polygons stay straight, with up to so many vertices with short legs in a row;
             None where they become splines.
-        duration: times a motion where spline or corners may be faster; None for the spline.
+        offers_corners: whether corners are offered where they may be faster than the spline.
     """
 
     def __init__(
@@ -447,10 +471,10 @@ class Fitter:
         *,
         curved: bool = False,
         short_legs: int | None = None,
-        duration: Duration | None = None,
+        offers_corners: bool = False,
     ) -> None:
         self._short_legs = short_legs
-        self._choice = None if duration is None else Choice(frame, tolerance, duration)
+        self._choice = Choice(frame, tolerance) if offers_corners else None
         self._frame = frame
         self._classes = frame.classes
         self._tolerance = tolerance
@@ -472,7 +496,7 @@ class Fitter:
 
     def add(
         self, points: Floats, feeds: Floats, lines: NDArray[np.int32], *, curved: bool = False
-    ) -> Iterator[Pieces]:
+    ) -> Iterator[Fitted]:
         """Add moves, each of some length, and yield the pieces that are final.
 
         Args:
@@ -504,7 +528,7 @@ class Fitter:
                 if self._moves >= WINDOW:
                     yield from self._fit(open_end=True)
 
-    def add_arc(self, arc: Arc) -> Iterator[Pieces]:
+    def add_arc(self, arc: Arc) -> Iterator[Fitted]:
         """Add an arc, and yield the pieces that are final."""
         if self._class != 0:
             yield from self.flush()
@@ -530,7 +554,7 @@ class Fitter:
             if self._moves >= WINDOW:
                 yield from self._fit(open_end=True)
 
-    def flush(self) -> Iterator[Pieces]:
+    def flush(self) -> Iterator[Fitted]:
         """End the chain, and yield the rest of its pieces."""
         if self._waiting is not None:
             yield from self._exact(self._waiting, self._tolerance)
@@ -604,7 +628,7 @@ class Fitter:
         self._lines.append(lines)
         self._moves += len(points)
 
-    def _fit(self, *, open_end: bool, end: Floats | None = None) -> Iterator[Pieces]:
+    def _fit(self, *, open_end: bool, end: Floats | None = None) -> Iterator[Fitted]:
         """Yield the spans of the chain that no later move will change; all if the chain ends.
 
         end: (5, n): position and derivatives 1 to 4 there.
@@ -621,7 +645,7 @@ class Fitter:
         corner[0] = self._at_corner
         if self._choice is not None and not self.curved:
             whole = math.isnan(self._state[0, 0]), not open_end and end is None
-            self._choice.mark(x, moves, metrics, corner, whole)
+            yield from self._choice.mark(x, moves, metrics, corner, whole)
         knots = first_knots(chain, corner, tolerance, self._carried)
         states = np.stack(
             (self._state, np.full_like(self._state, math.nan) if end is None else end)

@@ -195,6 +195,28 @@ def arc_of(block: ArcFeed, position: Floats, frame: Frame) -> Arc | None:
     )
 
 
+def arc_chords(block: ArcFeed, begin: Floats, axes: tuple[str, ...], sagitta: float) -> Floats:
+    """Return the ends (n, axes) of chords within ``sagitta`` mm of an arc from ``begin`` (axes,).
+
+    The sagitta of a chord over an angle h is at most r h^2 / 8. A spiral bends little more.
+    """
+    plane = [axes.index(letter) for letter in PLANE_AXES[block.plane]]
+    center, end = np.array(block.center), np.asarray(block.end, np.float64)
+    here = begin[plane] - center
+    radius, last = float(np.hypot(*here)), float(np.hypot(*(end[plane] - center)))
+    sweep = 2.0 * math.pi * block.turns
+    part = math.sqrt(8.0 * sagitta / (1.1 * max(radius, last, 1e-9)))
+    count = max(math.ceil(abs(sweep) / min(part, math.pi / 4.0)), 1)
+    share = np.arange(1, count + 1) / count
+    points: Floats = begin + share[:, None] * (end - begin)
+    angle = math.atan2(here[1], here[0]) + share * sweep
+    radii = radius + share * (last - radius)
+    points[:, plane[0]] = center[0] + radii * np.cos(angle)
+    points[:, plane[1]] = center[1] + radii * np.sin(angle)
+    points[-1] = end
+    return points
+
+
 def nurbs_chords(
     block: NurbsFeed, position: Floats, frame: Frame, tolerance: float
 ) -> Iterator[Floats] | None:
@@ -242,10 +264,10 @@ def _chords(block: NurbsFeed, points: Floats, sagitta: float) -> Iterator[Floats
                 break
             parts = np.ceil(np.sqrt(1.1 * off / allowed)).astype(np.int64)
             u = np.append(_between(u, np.clip(parts, np.where(fine, 1, 2), 64)), u[-1])
-        found = start + chord
+        ends = start + chord
         if first + SPANS_AT_ONCE >= len(inner) - 1:
-            found[-1] = points[-1]
-        yield found
+            ends[-1] = points[-1]
+        yield ends
 
 
 def _between(u: Floats, parts: NDArray[np.int64]) -> Floats:

@@ -41,9 +41,10 @@ from cnc.model.blocks import (
 from cnc.model.diagnostics import Diagnostic, GcodeError
 from cnc.model.motion_commands import command_array, places_of
 from cnc.path.block_pieces import Frame
-from cnc.path.curve import arc_chords
-from cnc.path.fit_curves import SAGITTA, nurbs_chords
+from cnc.path.fit_curves import SAGITTA, arc_chords, nurbs_chords
 from cnc.path.records import axis_classes
+
+Floats = NDArray[np.float64]
 
 # A surface over a grid in X and Y, bilinear or a bicubic natural spline.
 #
@@ -85,13 +86,13 @@ class Surface:
 
     def inside(self, x: Floats, y: Floats) -> NDArray[np.bool_]:
         """Return whether points lie on the grid; rounding of 1e-6 mm is allowed."""
-        found: NDArray[np.bool_] = (
+        is_inside: NDArray[np.bool_] = (
             (x >= self.x[0] - 1e-6)
             & (x <= self.x[-1] + 1e-6)
             & (y >= self.y[0] - 1e-6)
             & (y <= self.y[-1] + 1e-6)
         )
-        return found
+        return is_inside
 
     def cell_of(self, x: Floats, y: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Return row and column of the cells of points."""
@@ -104,8 +105,8 @@ class Surface:
         row, column = self.cell_of(x, y)
         u = _basis((x - self.x[column]) / (self.x[column + 1] - self.x[column]))
         v = _basis((y - self.y[row]) / (self.y[row + 1] - self.y[row]))
-        found: Floats = np.einsum("nb,nba,na->n", v, self._cells[row, column], u)
-        return found
+        heights: Floats = np.einsum("nb,nba,na->n", v, self._cells[row, column], u)
+        return heights
 
 
 def _basis(u: Floats) -> Floats:
@@ -132,18 +133,18 @@ def _cells(x: Floats, y: Floats, values: Floats, *, smooth: bool) -> Floats:
 def _raised(values: Floats) -> Floats:
     """Return straight lines between the last axis' values as cubics (..., n - 1, 4)."""
     part = np.arange(4.0) / 3.0
-    found: Floats = values[..., :-1, None] * (1.0 - part) + values[..., 1:, None] * part
-    return found
+    lines: Floats = values[..., :-1, None] * (1.0 - part) + values[..., 1:, None] * part
+    return lines
 
 
 def _hermite(values: Floats, slopes: Floats, steps: Floats) -> Floats:
     """Return cubics (..., n - 1, 4) of the values and slopes along the last axis."""
     third = steps / 3.0
     first, last = values[..., :-1], values[..., 1:]
-    found: Floats = np.stack(
+    cubics: Floats = np.stack(
         (first, first + slopes[..., :-1] * third, last - slopes[..., 1:] * third, last), axis=-1
     )
-    return found
+    return cubics
 
 
 def _slopes(x: Floats) -> Floats:
@@ -166,8 +167,8 @@ def _bends(x: Floats, y: Floats, cells: Floats) -> Bends:
     wide, high = np.diff(x)[None, :], np.diff(y)[:, None]
 
     def largest(differences: Floats) -> Floats:
-        found: Floats = np.abs(differences).max(axis=(2, 3))
-        return found
+        most: Floats = np.abs(differences).max(axis=(2, 3))
+        return most
 
     return Bends(
         6.0 * largest(np.diff(cells, 2, axis=3)) / wide**2,
@@ -279,7 +280,6 @@ class Cutter:
         return np.maximum(np.ceil(np.sqrt(bend / (8.0 * self._tolerance))), 1.0).astype(np.int64)
 
 
-Floats = NDArray[np.float64]
 MOVES_AT_ONCE = 1024
 PIECES_AT_ONCE = 4096
 SAME = 1e-6
@@ -496,13 +496,13 @@ class Warp:
         count = len(end)
         inside = self._surface.inside(end[:, self._x], end[:, self._y])
         starts = self._surface.inside(begin[:1, self._x], begin[:1, self._y])
-        known = np.append(starts, inside[:-1])
+        from_grid = np.append(starts, inside[:-1])
         excess = np.zeros(count)
-        if known[0]:
+        if from_grid[0]:
             excess[0] = self._raise - float(self._height(begin[:1])[0])
             if abs(excess[0]) <= SAME:
                 excess[0] = 0.0
-        both = known & inside
+        both = from_grid & inside
         if both.all() and not self._free(block, begin, excess).any():
             origin = np.arange(count)
             return Moves(begin, end, origin, both, excess, np.zeros(count))
@@ -511,11 +511,11 @@ class Warp:
     def _free(self, block: Polyline, begin: Floats, excess: Floats) -> NDArray[np.bool_]:
         """Return the moves after which Z may not be that of the surface, or that begin so."""
         z = block.points[:, self._z]
-        found: NDArray[np.bool_] = excess != 0.0
+        is_free: NDArray[np.bool_] = excess != 0.0
         if z.max() + self._surface.highest > self._top:
             end_z = z + self._height(block.points)
-            found |= np.isnan(block.feeds) & (end_z > np.maximum(self._top, z))
-        return found
+            is_free |= np.isnan(block.feeds) & (end_z > np.maximum(self._top, z))
+        return is_free
 
     def _height(self, points: Floats) -> Floats:
         return self._surface.heights(points[:, self._x], points[:, self._y])

@@ -41,44 +41,44 @@ def accepted_plan(
     """
     limits = path.limits
     while True:
-        known = path.intervals(limits, start, goal)
+        intervals = path.intervals(limits, start, goal)
         if v_start == 0.0:
-            known = open_at_start(known)
-        status, phases = plan_to_rest(start, known, v_start, limits)
+            intervals = open_at_start(intervals)
+        status, phases = plan_to_rest(start, intervals, v_start, limits)
         if status != PLANNED:
-            return status, phases, known
-        exceeding = exceeding_sections(path, phases, known)
+            return status, phases, intervals
+        exceeding = exceeding_sections(path, phases, intervals)
         if not exceeding:
-            return status, phases, known
+            return status, phases, intervals
         finer = [section.cut_finer(limits) for section in exceeding]
         if not any(finer):
-            status, phases = plan_to_rest(start, known, v_start, limits, refined=False)
-            return status, phases, known
+            status, phases = plan_to_rest(start, intervals, v_start, limits, refined=False)
+            return status, phases, intervals
 
 
-def open_at_start(known: Intervals) -> Intervals:
+def open_at_start(intervals: Intervals) -> Intervals:
     """Return intervals that a motion from rest can cross.
 
     A motion that rested in a stretch of constant speed has to speed up there. It keeps below the
     speed of the stretch, so it jumps by less at the junction.
     """
-    level = known.flat & (known.speed > 0.0)
+    level = intervals.flat & (intervals.speed > 0.0)
     if not level[0]:
-        return known
+        return intervals
     lead = len(level) if level.all() else int(np.argmin(level))
-    flat, top = known.flat.copy(), known.top.copy()
+    flat, top = intervals.flat.copy(), intervals.top.copy()
     flat[:lead] = False
-    top[:lead] = np.minimum(top[:lead], known.speed[:lead])
-    return known._replace(flat=flat, top=top)
+    top[:lead] = np.minimum(top[:lead], intervals.speed[:lead])
+    return intervals._replace(flat=flat, top=top)
 
 
-def exceeding_sections(path: KnownPath, phases: Phases, known: Intervals) -> list[Section]:
-    """Return the sections of a path on which a plan over ``known`` exceeds a limit."""
-    fast = beyond_samples(phases, known)
+def exceeding_sections(path: KnownPath, phases: Phases, intervals: Intervals) -> list[Section]:
+    """Return the sections of a path on which a plan over ``intervals`` exceeds a limit."""
+    fast = beyond_samples(phases, intervals)
     if not fast.any():
         return []
     start = phases["s"]
-    found = []
+    exceeding = []
     for section in path.sections:
         first = max(int(np.searchsorted(start, section.base, side="right")) - 1, 0)
         last = int(np.searchsorted(start, section.end))
@@ -86,22 +86,22 @@ def exceeding_sections(path: KnownPath, phases: Phases, known: Intervals) -> lis
             runs = np.flatnonzero(np.diff(fast[first:last], prepend=False, append=False))
             for low, high in (first + runs).reshape(-1, 2).tolist():
                 if exceeds_limits(phases[low:high], section, path.limits):
-                    found.append(section)
+                    exceeding.append(section)
                     break
-    return found
+    return exceeding
 
 
-def beyond_samples(phases: Phases, known: Intervals) -> NDArray[np.bool_]:
+def beyond_samples(phases: Phases, intervals: Intervals) -> NDArray[np.bool_]:
     """Return which phases are faster somewhere than the samples of their intervals allow for."""
     duration, s, v, a, j = (phases[name] for name in ("duration", "s", "v", "a", "j"))
     fastest = np.maximum(v, v + duration * (a + 0.5 * duration * j))
     with np.errstate(divide="ignore", invalid="ignore"):
         turns = a * j < 0.0
         fastest = np.where(turns, np.maximum(fastest, v - 0.5 * a * a / j), fastest)
-    first = np.searchsorted(known.end, s, side="right")
-    last = np.append(np.searchsorted(known.end, s[1:]), len(known.end) - 1)
+    first = np.searchsorted(intervals.end, s, side="right")
+    last = np.append(np.searchsorted(intervals.end, s[1:]), len(intervals.end) - 1)
     ranges = np.stack((first, np.maximum(last, first) + 1), axis=1)
-    reliable = np.append(known.reliable, (np.inf, np.inf))
+    reliable = np.append(intervals.reliable, (np.inf, np.inf))
     lowest = np.minimum.reduceat(reliable, np.minimum(ranges, len(reliable) - 1).reshape(-1))[::2]
     return np.asarray(fastest > lowest)
 

@@ -29,9 +29,9 @@ from cnc.path.kernels.curve import LINE, Pieces
 from cnc.planner.audit import Audit
 from cnc.planner.corner_motions import CornerMotions
 from cnc.planner.corners import CornerBlending
-from cnc.planner.kernels.corner_known import Known
 from cnc.planner.kernels.corner_places import MOST_CORNERS
 from cnc.planner.kernels.corner_room import only_along
+from cnc.planner.kernels.corner_search import Solutions
 from cnc.planner.kernels.legs import record_end
 from cnc.planner.limits import Limits
 from cnc.planner.window import LONG, Window
@@ -54,7 +54,7 @@ FASTER = 0.998
 
 
 def passed_together(
-    path: PathChunk, rests: bool, limits: Limits, known: Known
+    path: PathChunk, rests: bool, limits: Limits, solutions: Solutions
 ) -> NDArray[np.bool_]:
     """Return for each piece of a path whether the corner behind it is passed with those beside it.
 
@@ -62,7 +62,7 @@ def passed_together(
         path: pieces that follow each other.
         rests: whether the motion rests at their start.
         limits: of the columns of the path.
-        known: receives the motions that were found.
+        solutions: receives those of its searches.
     """
     chosen = np.zeros(len(path), np.bool_)
     if only_along(limits.arrays):
@@ -80,7 +80,9 @@ def passed_together(
             blends = chosen[begin : end + 1]
             together = blends.copy()
             together[first - begin : last + 1 - begin] = True
-            if _time(legs, limits, known, together) < FASTER * _time(legs, limits, known, blends):
+            if _time(legs, limits, solutions, together) < FASTER * _time(
+                legs, limits, solutions, blends
+            ):
                 chosen[first : last + 1] = True
     return chosen
 
@@ -124,9 +126,11 @@ def _alone(path: PathChunk, first: int, last: int) -> PathChunk:
     )
 
 
-def _time(legs: PathChunk, limits: Limits, known: Known, together: NDArray[np.bool_]) -> float:
+def _time(
+    legs: PathChunk, limits: Limits, solutions: Solutions, together: NDArray[np.bool_]
+) -> float:
     """Return the time of the motion past corners from rest to rest, s; infinity for none."""
-    window, corners = Window(limits), CornerMotions(limits, Audit(limits), known)
+    window, corners = Window(limits), CornerMotions(limits, Audit(limits), solutions)
     blending = CornerBlending(limits, together=lambda *_: together)
     time = 0.0
     try:

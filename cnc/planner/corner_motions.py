@@ -24,8 +24,8 @@ from cnc.path.kernels.curve import LINE, SPAN
 from cnc.planner.audit import Audit
 from cnc.planner.corners import empty_path, new_chunk, numbered, path_arrays
 from cnc.planner.finished import FinishedPart, PassedChain
-from cnc.planner.kernels.corner_known import Known, new_known
 from cnc.planner.kernels.corner_places import count_corners, first_undecided, leaves_path
+from cnc.planner.kernels.corner_search import Solutions, new_solutions
 from cnc.planner.kernels.corner_stops import CORNER_STEPS, PassedChains, corner_size, pass_corners
 from cnc.planner.kernels.legs import REST
 from cnc.planner.limits import Limits
@@ -48,14 +48,14 @@ class CornerMotions:
     refuses such a motion stay stops.
     """
 
-    def __init__(self, limits: Limits, audit: Audit, known: Known | None = None) -> None:
+    def __init__(self, limits: Limits, audit: Audit, solutions: Solutions | None = None) -> None:
         """Create the stage behind the window.
 
-        ``audit`` checks its results. ``known``: motions that were found with the same limits.
+        ``audit`` checks its results. ``solutions``: of searches with the same limits.
         """
         self._limits = limits
         self._audit = audit
-        self._known = new_known() if known is None else known
+        self._solutions = new_solutions() if solutions is None else solutions
         self._held: PlanChunk | None = None
         self._shared = False
         """Whether the next part begins on a leg that begins with a corner that is passed."""
@@ -149,14 +149,14 @@ class CornerMotions:
 
     def _past_corners(self, plan: PlanChunk) -> FinishedPart:
         """Return the plan with motions past its corners, or with stops where those are illegal."""
-        while (found := self._without_stops(plan)) is not None:
-            cut = found.plan
+        while (without := self._without_stops(plan)) is not None:
+            cut = without.plan
             broken, before = self._audit.examined(cut)
             if not broken:
                 self._earlier += plan.duration - cut.duration
                 self._shorter += float(plan.phase_s[-1] - cut.phase_s[-1])
-                return FinishedPart(cut, found.chains, plan.t0, self._shared, before)
-            stops = self._refused(plan, cut, found.origin)
+                return FinishedPart(cut, without.chains, plan.t0, self._shared, before)
+            stops = self._refused(plan, cut, without.origin)
             plan = replace(
                 plan, path=replace(plan.path, tolerance=np.where(stops, 0.0, plan.path.tolerance))
             )
@@ -210,7 +210,7 @@ class CornerMotions:
             limits.feeds(plan.path),
             limits.arrays,
             limits.travel,
-            self._known,
+            self._solutions,
             out,
             out_plan,
             chains,

@@ -21,7 +21,6 @@ from cnc.planner.kernels.corners import MOST_PIECES, round_corners
 from cnc.planner.kernels.legs import record_end
 from cnc.planner.limits import Limits
 
-Floats = NDArray[np.float64]
 Together = Callable[[PathChunk, bool], NDArray[np.bool_]]
 
 ACCURACY = 1e-12

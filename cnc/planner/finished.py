@@ -187,14 +187,14 @@ class Finished:
                 replace(
                     first,
                     plan=_between(plan, 0.0, time),
-                    chains=tuple(each for each in first.chains if each.end <= time),
+                    chains=tuple(past for past in first.chains if past.end <= time),
                 )
             )
         audit = first.audit.copy()
         if time > SAME and audit.examined(_between(plan, 0.0, time))[0]:
             return None
         phase, cut = cut_at_time(plan, time)
-        found = Return(
+        back = Return(
             stops_time=chain.stops_begin if chain and left else self._stops_time(time),
             time=plan.t0 + time,
             length=plan.s0 + float(cut.phase_s[phase]),
@@ -202,7 +202,7 @@ class Finished:
             audit=audit,
             left=left,
         )
-        return found, kept
+        return back, kept
 
     def with_rest(self, rest: PlanChunk) -> Finished:
         """Return the parts up to the end of the chain under way, which ends with another motion.
@@ -212,9 +212,9 @@ class Finished:
         first, chain = self._parts[0], self._chain_under_way()
         plan = joined_plans(_between(first.plan, 0.0, rest.t0 - first.plan.t0), rest)
         chains = tuple(
-            each._replace(end=plan.duration) if each == chain else each
-            for each in first.chains
-            if chain is None or each.end <= chain.end
+            past._replace(end=plan.duration) if past == chain else past
+            for past in first.chains
+            if chain is None or past.end <= chain.end
         )
         kept = Finished()
         kept._done = self._done

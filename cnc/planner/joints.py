@@ -1,14 +1,10 @@
-"""The joints of a machine: their positions, their path, and the columns of a path.
-
-The kinematics is loaded only for a machine whose joints are not its axes.
-"""
+"""The joints of a machine: their positions, and their columns in a path of the tool tip."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +12,7 @@ from numpy.typing import NDArray
 from cnc.kinematics.base import Kinematics, Point
 from cnc.kinematics.five_axis import FiveAxis
 from cnc.kinematics.interval import Interval
+from cnc.kinematics.orientation import Swing, angles_of, swing
 from cnc.kinematics.series import Series, Term
 from cnc.machine.models import Machine
 from cnc.model.blocks import ROTARY_LETTERS, Block, TipControl
@@ -33,13 +30,11 @@ from cnc.planner.kernels.joint_records import (
 from cnc.planner.limits import Limits
 from cnc.planner.tip_series import Parts, tip_series
 
-if TYPE_CHECKING:
-    from cnc.kinematics.orientation import Swing
+Ints = NDArray[np.int64]
 
 
 Floats = NDArray[np.float64]
 
-WHERE = "write into [machine] start where the machine stands"
 SAME = 1e-3
 """Joints that differ by less are the same pose, mm or degrees."""
 SHORT_LEGS = 4
@@ -91,13 +86,11 @@ class Joints:
         if self._map is None:
             return tip
         if not self.reach(tip):
-            each = zip(self.tip_axes, tip.tolist(), strict=True)
-            place = " ".join(f"{letter.upper()}{value:g}" for letter, value in each)
-            message = f"the joints do not reach the start position {place}"
-            hint = f"{WHERE}, or correct [kinematics]"
+            message = f"the joints do not reach the start position {_words(self.tip_axes, tip)}"
+            hint = "write into [machine] start where the machine stands, or correct [kinematics]"
             raise MachineFileError(Diagnostic("start-out-of-reach", message, hint=hint))
-        found: Floats = self._map.inverse(tip[None])[0]
-        return found
+        joints: Floats = self._map.inverse(tip[None])[0]
+        return joints
 
     def tip_of_start(self, joints: Floats) -> Floats:
         """Return the tip (axes,) at the joints (joints,) of the machine file; mm, degrees.
@@ -107,8 +100,8 @@ class Joints:
         """
         tip = self.tip(joints)
         if not np.allclose(self.at(tip), joints, rtol=0.0, atol=1e-6):
-            each = zip(self.machine.axes, joints.tolist(), strict=True)
-            place = " ".join(f"{name} = {value:g}" for name, value in each)
+            values = zip(self.machine.axes, joints.tolist(), strict=True)
+            place = " ".join(f"{name} = {value:g}" for name, value in values)
             message = f"the joints of the start are no pose of this kinematics: {place}"
             hint = "angles lie within half a turn of 0; an elbow bends to one side only"
             raise MachineFileError(Diagnostic("start-out-of-reach", message, hint=hint))
@@ -128,8 +121,8 @@ class Joints:
 
     def tip(self, joints: Floats) -> Floats:
         """Return the tip (axes,) at a position of the joints (joints,); mm, degrees."""
-        found: Floats = self.tips(joints[None])[0]
-        return found
+        tip: Floats = self.tips(joints[None])[0]
+        return tip
 
     def tips(self, joints: Floats) -> Floats:
         """Return the tips (n, axes) at positions of the joints (n, joints); mm, degrees."""
@@ -195,32 +188,28 @@ class ToolTipOf:
 
     def joints(self, tip: list[float], offset: tuple[float, float, float]) -> list[float]:
         """Return the joints (axes,) of a tip (axes,) with a tool offset (X, Y, Z)."""
-        found: list[float] = self._bare.with_tool(offset).inverse(np.array([tip]))[0].tolist()
-        return found
+        joints: list[float] = self._bare.with_tool(offset).inverse(np.array([tip]))[0].tolist()
+        return joints
 
     def tip(self, joints: list[float], offset: tuple[float, float, float]) -> list[float]:
         """Return the tip (axes,) of joints (axes,) with a tool offset (X, Y, Z)."""
-        found: list[float] = self._bare.with_tool(offset).forward(np.array([joints]))[0].tolist()
-        return found
+        position: list[float] = self._bare.with_tool(offset).forward(np.array([joints]))[0].tolist()
+        return position
 
     def angles(self, here: list[float], direction: Floats) -> tuple[float, float]:
         """Return tilt and turn of a direction of the tool (3,), from a position (axes,)."""
-        from cnc.kinematics.orientation import angles_of
-
         tilt, turn = angles_of(self._effective(here), direction, self._shift)
         return tilt * self._signs[0], turn * self._signs[1]
 
     def swing(self, here: list[float], direction: Floats) -> Swing | None:
         """Return the great circle from a position (axes,) to a direction of the tool (3,)."""
-        from cnc.kinematics.orientation import swing
-
-        found = swing(self._effective(here), direction, self._shift)
-        if found is None:
+        turn = swing(self._effective(here), direction, self._shift)
+        if turn is None:
             return None
         signs = self._signs
-        end = found.end[0] * signs[0], found.end[1] * signs[1]
-        angles = found.angles if not len(found.angles) else found.angles * np.array(signs)
-        return found._replace(end=end, angles=angles)
+        end = turn.end[0] * signs[0], turn.end[1] * signs[1]
+        angles = turn.angles if not len(turn.angles) else turn.angles * np.array(signs)
+        return turn._replace(end=end, angles=angles)
 
     def _effective(self, here: list[float]) -> tuple[float, float]:
         """Return tilt and turn of a position (axes,) in the directions of ISO 841."""
@@ -311,8 +300,8 @@ class JointMap:
 
         Values that are out of reach are not numbers. Angles lie within half a turn of 0.
         """
-        found = self.series([Series([column]) for column in tip.T])
-        return np.stack([np.asarray(series.terms[0]) for series in found], axis=-1)
+        joints = self.series([Series([column]) for column in tip.T])
+        return np.stack([np.asarray(series.terms[0]) for series in joints], axis=-1)
 
     def leaving(self, start: Floats, end: Floats) -> tuple[NDArray[np.bool_], Floats]:
         """Return the straight moves out of a singular pose on which the joints stay linear.
@@ -325,11 +314,11 @@ class JointMap:
             Whether each move is such a move (m,), and the joints at its start (m, joints).
         """
         taken = list(self._taken)
-        found, own = self._kinematics.leaving(start[:, taken], end[:, taken])
+        leaves, own = self._kinematics.leaving(start[:, taken], end[:, taken])
         joints = np.empty((len(start), len(self.names)))
         joints[:, list(self._own)] = own
         joints[:, list(self._rest)] = start[:, list(self._others)]
-        return found, joints
+        return leaves, joints
 
     def forward(self, joints: Floats) -> Floats:
         """Return the tips (m, axes) of joints (m, joints)."""
@@ -368,7 +357,6 @@ def _of_five(table: FiveAxis, letters: tuple[str, ...], offset: Point | None) ->
 # place of numbers. So ACCURACY is not measured at samples but proved. A straight line under a
 # linear kinematics stays a line.
 
-Ints = NDArray[np.int64]
 
 ACCURACY = 1e-6
 """Largest distance of a column from the exact motion, mm or degrees."""
@@ -460,13 +448,13 @@ class JointPath:
         columns = np.arange(START, START + len(path.axes))
         start = path.data[path.at[:, None] + columns]
         end = path.data[path.at[:, None] + columns + len(path.axes)]
-        found, joints = self._joints.leaving(start, end)
+        leaves, joints = self._joints.leaving(start, end)
         turned = (joints - self._now)[:, self._joints.turning]
         turned = np.abs((turned + 0.5 * TURN) % TURN - 0.5 * TURN).max(axis=1, initial=0.0)
-        found &= (path.kind == LINE) & (turned < SAME_ANGLE)
-        found[1:] = False
-        found &= self._leaves and self._tip is not None
-        return found, joints
+        leaves &= (path.kind == LINE) & (turned < SAME_ANGLE)
+        leaves[1:] = False
+        leaves &= self._leaves and self._tip is not None
+        return leaves, joints
 
     def _parts(self, path: PathChunk, leaving: NDArray[np.bool_]) -> Parts:
         """Return the parts of all pieces, in order, on which the polynomials are exact enough.
@@ -529,8 +517,7 @@ class JointPath:
         begins = self._tip is not None and np.abs(there - self._tip).max() < ACCURACY
         if self._tip is not None and begins:
             there = self._tip
-        each = zip(path.axes, there.tolist(), strict=True)
-        named = " ".join(f"{axis.upper()}{value:.6g}" for axis, value in each)
+        named = _words(path.axes, there)
         if not outside.any():
             code, message = "singular-pose", f"the joints turn without bound near {named}"
             hint = "keep the path clear of the pose in which the kinematics is singular"
@@ -550,7 +537,7 @@ class JointPath:
     def _tips(self, path: PathChunk, places: Parts) -> Floats:
         """Return the tip at places of a path (m, axes)."""
         series = tip_series(path, places, 0, bounds=False)
-        return np.stack([np.asarray(each.terms[0]) for each in series], axis=-1)
+        return np.stack([np.asarray(axis.terms[0]) for axis in series], axis=-1)
 
     def _pieces(
         self, path: PathChunk, parts: Parts, leaving: NDArray[np.bool_], joints: Floats
@@ -619,6 +606,12 @@ class JointPath:
             a += TURN * turns
             b += TURN * (turns + inside)
         self._now = right[0][-1, axes:].copy()
+
+
+def _words(axes: Sequence[str], position: Floats) -> str:
+    """Return a position (axes,) as words of a program, for messages."""
+    values = zip(axes, position.tolist(), strict=True)
+    return " ".join(f"{axis.upper()}{value:.6g}" for axis, value in values)
 
 
 def _size(term: Term) -> Floats | float:

@@ -28,7 +28,9 @@ ROUNDING = 1e-4
 """Part of TOUCH that is left for rounding."""
 
 REFINED = 2.0
-"""Usual ratio of the speed for which intervals are cut to their bound of the speed."""
+"""The refinement may cross an interval this much faster than the bound that leaves acceleration for
+any direction. The interval is cut for that speed. Faster motion is compared with the path itself.
+"""
 
 
 def junction_between(before: PathChunk, after: PathChunk, limits: Limits) -> Junction:
@@ -68,7 +70,7 @@ def intervals_of(
     with the path itself.
     """
     # Six intervals of a move from stop to stop are usual. Space that is not used costs nothing.
-    found = _space(8 * len(path) + 1024, len(path.axes))
+    intervals = _space(8 * len(path) + 1024, len(path.axes))
     done = count = 0
     while True:
         cut, more = chunk_intervals(
@@ -81,18 +83,18 @@ def intervals_of(
             limits.arrays,
             refined,
             begin,
-            Intervals._make(array[count:] for array in found),
+            Intervals._make(array[count:] for array in intervals),
         )
         done, count = done + cut, count + more
         if done == len(path):
-            return Intervals._make(array[:count] for array in found)
-        larger = _space(4 * len(found.end), len(path.axes))
-        for array, old in zip(larger, found, strict=True):
+            return Intervals._make(array[:count] for array in intervals)
+        larger = _space(4 * len(intervals.end), len(path.axes))
+        for array, old in zip(larger, intervals, strict=True):
             array[:count] = old[:count]
-        found = larger
+        intervals = larger
         if done > 0:
             before = _junction(path, done - 1, path, done, limits)
-            begin = float(found.end[count - 1])
+            begin = float(intervals.end[count - 1])
 
 
 def _space(intervals: int, axes: int) -> Intervals:
@@ -111,25 +113,25 @@ def _space(intervals: int, axes: int) -> Intervals:
     )
 
 
-def between(known: Intervals, start: float, stop: float) -> Intervals:
+def between(intervals: Intervals, start: float, stop: float) -> Intervals:
     """Return the intervals from ``start`` to ``stop``, mm; the last one is cut there.
 
     A stop at ``stop`` is one of them, a stop at ``start`` is not.
     """
-    count = len(known.end)
-    first = int(np.searchsorted(known.end, start, side="right"))
-    last = int(np.searchsorted(known.end, stop, side="right"))
-    cut = last < count and (last == 0 or known.end[last - 1] < stop) and last >= first
-    part = Intervals._make(array[first : last + cut] for array in known)
+    count = len(intervals.end)
+    first = int(np.searchsorted(intervals.end, start, side="right"))
+    last = int(np.searchsorted(intervals.end, stop, side="right"))
+    cut = last < count and (last == 0 or intervals.end[last - 1] < stop) and last >= first
+    part = Intervals._make(array[first : last + cut] for array in intervals)
     return part._replace(end=np.minimum(part.end, stop)) if cut else part
 
 
-def lowered(known: Intervals) -> Intervals:
+def lowered(intervals: Intervals) -> Intervals:
     """Return intervals for a search, which may exceed their speeds by TOUCH.
 
-    A motion at the speeds of ``known`` itself is legal over them.
+    A motion at the speeds of ``intervals`` itself is legal over them.
     """
-    return known._replace(top=known.top / (1.0 + (1.0 - ROUNDING) * TOUCH))
+    return intervals._replace(top=intervals.top / (1.0 + (1.0 - ROUNDING) * TOUCH))
 
 
 def joined(parts: Sequence[Intervals], bases: Sequence[float]) -> Intervals:
@@ -159,7 +161,7 @@ class Stretch:
     following: PathChunk | None
 
     def intervals(self, limits: Limits, refined: float = REFINED, begin: float = 0.0) -> Intervals:
-        """Return its intervals; see :func:`cnc.planner.known_path.intervals_of`."""
+        """Return its intervals; see :func:`intervals_of`."""
         before = after = STANDSTILL
         if self.previous is not None:
             before = junction_between(self.previous, self.path, limits)
@@ -204,12 +206,12 @@ class Section:
         self.base = base
         self.travelled = travelled
         self._refined = REFINED
-        self.intervals = known = stretch.intervals(limits, self._refined)
-        stops = np.flatnonzero(known.flat & (known.speed == 0.0))
-        opens = np.flatnonzero(~known.flat)
-        self.last_stop = float(known.end[stops[-1]]) if len(stops) else -inf
-        self.last_open = float(known.end[opens[-1]]) if len(opens) else -inf
-        self.top = float(known.speed.max())
+        self.intervals = intervals = stretch.intervals(limits, self._refined)
+        stops = np.flatnonzero(intervals.flat & (intervals.speed == 0.0))
+        opens = np.flatnonzero(~intervals.flat)
+        self.last_stop = float(intervals.end[stops[-1]]) if len(stops) else -inf
+        self.last_open = float(intervals.end[opens[-1]]) if len(opens) else -inf
+        self.top = float(intervals.speed.max())
 
     def cut_finer(self, limits: Limits) -> bool:
         """Cut into intervals for faster motion; return whether they were not the finest yet."""
@@ -288,19 +290,20 @@ class KnownPath:
 
     def under(self, limits: Limits) -> KnownPath:
         """Return the same path under other limits."""
-        other = KnownPath(limits)
-        other.sections.extend(
-            Section(each.stretch, limits, each.base, each.travelled) for each in self.sections
+        path = KnownPath(limits)
+        path.sections.extend(
+            Section(section.stretch, limits, section.base, section.travelled)
+            for section in self.sections
         )
-        other._travelled = self._travelled
-        return other
+        path._travelled = self._travelled
+        return path
 
     def copy(self) -> KnownPath:
         """Return the same path, for another window."""
-        other = KnownPath(self.limits)
-        other.sections.extend(copy(each) for each in self.sections)
-        other._travelled = self._travelled
-        return other
+        path = KnownPath(self.limits)
+        path.sections.extend(copy(section) for section in self.sections)
+        path._travelled = self._travelled
+        return path
 
     def add(
         self, path: PathChunk, previous: PathChunk | None, following: PathChunk | None
@@ -323,16 +326,16 @@ class KnownPath:
 
         ``s`` lies in the first section.
         """
-        found: PathChunk | None = None
+        pieces: PathChunk | None = None
         first = self._piece_at(s)
         for section in self.sections:
             path = section.stretch.path
-            wanted = first + count - (0 if found is None else len(found))
+            wanted = first + count - (0 if pieces is None else len(pieces))
             piece = path.part(first, min(wanted, len(path)))
-            found = piece if found is None else joined_paths(found, piece)
+            pieces = piece if pieces is None else joined_paths(pieces, piece)
             first = 0
-            if len(found) == count:
-                return found
+            if len(pieces) == count:
+                return pieces
         return None
 
     def move_to(self, s: float, piece: int, place: float) -> float:
@@ -394,8 +397,8 @@ class KnownPath:
             )
             for section in wanted
         ]
-        known = joined(parts, [section.base for section in wanted])
-        return between(known, start + rounding_of(start), stop)
+        whole = joined(parts, [section.base for section in wanted])
+        return between(whole, start + rounding_of(start), stop)
 
     def place(self, s: float) -> tuple[str, int]:
         """Return file and line of the motion that begins at ``s``, in the first section."""

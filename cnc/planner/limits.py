@@ -60,7 +60,7 @@ class Limits:
         joints = machine.joint_tables.values()
         tip_columns = machine.tip_columns
 
-        def each(name: str) -> Floats:
+        def of_columns(name: str) -> Floats:
             own = [unless_none(getattr(joint, name)) for joint in joints]
             return np.array([inf] * tip_columns + own)
 
@@ -79,9 +79,9 @@ class Limits:
             chord_error=path.chord_error,
             period=path.period,
             step_deviation=unless_none(path.step_deviation),
-            axis_velocity=each("max_velocity"),
-            axis_acceleration=each("max_acceleration"),
-            axis_jerk=each("max_jerk"),
+            axis_velocity=of_columns("max_velocity"),
+            axis_acceleration=of_columns("max_acceleration"),
+            axis_jerk=of_columns("max_jerk"),
             travel=np.array(travel).T,
             tip_columns=tip_columns,
         )
@@ -92,15 +92,15 @@ class Limits:
 
         They are for estimates: the limits of the joints hold for the joints.
         """
-        found = cls.of(machine)
-        columns, own = found.tip_columns, slice(found.tip_columns, None)
+        limits = cls.of(machine)
+        columns, own = limits.tip_columns, slice(limits.tip_columns, None)
         return replace(
-            found,
+            limits,
             tip_columns=0,
-            travel=found.travel[:, :columns],
-            axis_velocity=np.full(columns, found.axis_velocity[own].min()),
-            axis_acceleration=np.full(columns, found.axis_acceleration[own].min()),
-            axis_jerk=np.full(columns, found.axis_jerk[own].min()),
+            travel=limits.travel[:, :columns],
+            axis_velocity=np.full(columns, limits.axis_velocity[own].min()),
+            axis_acceleration=np.full(columns, limits.axis_acceleration[own].min()),
+            axis_jerk=np.full(columns, limits.axis_jerk[own].min()),
         )
 
     @property
@@ -116,13 +116,6 @@ class Limits:
             self.axis_velocity,
             self.axis_acceleration,
             self.axis_jerk,
-        )
-
-    @property
-    def along_path(self) -> bool:
-        """Whether the machine limits acceleration or jerk along the path."""
-        return (
-            min(self.tangential_acceleration, self.tangential_jerk, self.normal_acceleration) < inf
         )
 
     @property

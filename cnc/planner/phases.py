@@ -26,14 +26,14 @@ NO_PHASES: Phases = np.empty(0, PHASE)
 
 def plan_to_rest(
     start: float,
-    known: Intervals,
+    intervals: Intervals,
     v_start: float,
     limits: Limits,
     lead: Phases = NO_PHASES,
     *,
     refined: bool = True,
 ) -> tuple[int, Phases]:
-    """Plan from ``start`` to rest at the end of ``known``.
+    """Plan from ``start`` to rest at the end of ``intervals``.
 
     Where the path bends or its speed bounds change, the plan is refined. From a speed that the
     refinement has reached, or with an illegal lead, there may be no plan under the usual bounds.
@@ -41,7 +41,7 @@ def plan_to_rest(
 
     Args:
         start: arc length, mm.
-        known: the intervals.
+        intervals: the intervals.
         v_start: speed at the start, mm/s.
         limits: of the machine.
         lead: phases to the start, over the first of the intervals; they become part of the plan.
@@ -50,20 +50,24 @@ def plan_to_rest(
     Returns:
         The status of :func:`cnc.planner.kernels.lookahead.plan_window`, and the phases.
     """
-    whole = known
+    whole = intervals
     if len(lead):
-        known = between(known, start, float(known.end[-1]))
-    status, phases = _planned(start, known, v_start)
+        intervals = between(intervals, start, float(intervals.end[-1]))
+    status, phases = _planned(start, intervals, v_start)
     rough = status == START_TOO_FAST
     if not (rough or status == PLANNED):
         return status, phases
     if not refined:
         return (START_TOO_FAST, phases[:0]) if rough or len(lead) else (status, phases)
     if rough:
-        freer = known._replace(
-            speed=np.where(known.flat, known.speed, np.minimum(known.top, ROUGHLY * known.speed)),
-            accel=np.maximum(known.accel, 0.5 * known.accel[:, -1:]),
-            jerk=np.maximum(known.jerk, 0.5 * known.jerk[:, -1:]),
+        freer = intervals._replace(
+            speed=np.where(
+                intervals.flat,
+                intervals.speed,
+                np.minimum(intervals.top, ROUGHLY * intervals.speed),
+            ),
+            accel=np.maximum(intervals.accel, 0.5 * intervals.accel[:, -1:]),
+            jerk=np.maximum(intervals.jerk, 0.5 * intervals.jerk[:, -1:]),
         )
         status, phases = _planned(start, freer, v_start)
         if status != PLANNED:
@@ -74,10 +78,10 @@ def plan_to_rest(
     return (PLANNED, phases) if legal else (START_TOO_FAST, phases[:0])
 
 
-def _planned(start: float, known: Intervals, v_start: float) -> tuple[int, Phases]:
+def _planned(start: float, intervals: Intervals, v_start: float) -> tuple[int, Phases]:
     """Plan under bounds that are constant on each interval."""
-    phases = np.empty(8 * len(known.end) + 16, PHASE)
-    status, written = plan_window(start, known, v_start, phases)
+    phases = np.empty(8 * len(intervals.end) + 16, PHASE)
+    status, written = plan_window(start, intervals, v_start, phases)
     phases = phases[:written]
     return status, phases[phases["duration"] > 0.0]
 
@@ -97,17 +101,17 @@ def first_rest(phases: Phases) -> int:
     return int(rests[0]) + 1 if len(rests) else len(phases)
 
 
-def last_bound(phases: Phases, known: Intervals) -> float:
+def last_bound(phases: Phases, intervals: Intervals) -> float:
     """Return the arc length of the last place at which the plan is as fast as the path allows.
 
     Behind it the plan slows for its end. It is the start if there is no such place.
     """
     place, v = phases["s"], phases["v"] * (1.0 + TOUCHING)
-    last = len(known.end) - 1
-    before = np.minimum(np.searchsorted(known.end, place, side="left"), last)
-    after = np.minimum(np.searchsorted(known.end, place, side="right"), last)
+    last = len(intervals.end) - 1
+    before = np.minimum(np.searchsorted(intervals.end, place, side="left"), last)
+    after = np.minimum(np.searchsorted(intervals.end, place, side="right"), last)
     touching = np.flatnonzero(
-        (phases["a"] == 0.0) & (v >= np.minimum(known.speed[before], known.speed[after]))
+        (phases["a"] == 0.0) & (v >= np.minimum(intervals.speed[before], intervals.speed[after]))
     )
     if not len(touching):
         return float(place[0])

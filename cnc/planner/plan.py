@@ -1,4 +1,4 @@
-"""A plan: phases of constant jerk over the arc length of a stretch of path.
+"""A plan: phases of constant jerk over the arc length of a stretch of path; its parts; its clock.
 
 It is the one timing model: estimates, samples and pulses are computed from it.
 """
@@ -17,6 +17,8 @@ from cnc.path.kernels.curve import Pieces
 from cnc.planner.kernels.arrays import PlanArrays
 from cnc.planner.kernels.corner_places import state_at
 from cnc.planner.kernels.legs import REST, record_end
+
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +66,6 @@ class PlanChunk:
 #
 # A plan may begin and end anywhere, also inside a piece of its path.
 
-Floats = NDArray[np.float64]
 
 SAME = 1e-9
 """s; there is no rest between plans if their times differ by no more. Times are sums of floats."""

@@ -86,29 +86,29 @@ def tip_series(path: PathChunk, parts: Parts, order: int, *, bounds: bool) -> li
                     low[k, c, mine] = high[k, c, mine] = term
     if not bounds:
         return [Series(list(low[:, c])) for c in range(n)]
-    found: list[Series] = []
+    axes: list[Series] = []
     for c in range(n):
         rest = [
             Interval(low[k, c], high[k, c]) if low[k, c].any() or high[k, c].any() else 0.0
             for k in range(1, order + 1)
         ]
-        found.append(Series([Interval(low[0, c], high[0, c]), *rest]))
-    return found
+        axes.append(Series([Interval(low[0, c], high[0, c]), *rest]))
+    return axes
 
 
 def _degrees(path: PathChunk) -> Ints:
     """Return the degree of each span of a path (m,); OF_LINE and OF_ARC for the other pieces."""
-    found = np.where(path.kind == LINE, OF_LINE, OF_ARC)
+    degrees = np.where(path.kind == LINE, OF_LINE, OF_ARC)
     spans = np.flatnonzero(path.kind == SPAN)
-    found[spans] = path.data[path.at[spans] + START + 2 * len(path.axes)]
-    return found
+    degrees[spans] = path.data[path.at[spans] + START + 2 * len(path.axes)]
+    return degrees
 
 
 def _columns(path: PathChunk, parts: Parts, first: int, count: int) -> Floats:
     """Return ``count`` numbers of the record of each part, (count, m)."""
     at = path.at[parts.piece]
-    found: Floats = path.data[at[None] + np.arange(first, first + count)[:, None]]
-    return found
+    columns: Floats = path.data[at[None] + np.arange(first, first + count)[:, None]]
+    return columns
 
 
 def _shares(path: PathChunk, parts: Parts) -> tuple[Floats, Floats, Floats]:
@@ -123,21 +123,21 @@ def _linear(path: PathChunk, parts: Parts, order: int, *, bounds: bool) -> list[
     n = len(path.axes)
     extent, first, last = _shares(path, parts)
     start, end = _columns(path, parts, START, n), _columns(path, parts, START + n, n)
-    found = []
+    axes = []
     for a, b in zip(start, end, strict=True):
         here, there = a + first * (b - a), a + last * (b - a)
         position: Term = here
         if bounds:
             position = Interval(np.minimum(here, there), np.maximum(here, there))
         rest: list[Term] = [np.zeros(len(a))] * (order - 1)
-        found.append(Series([position, (b - a) / extent, *rest][: order + 1]))
-    return found
+        axes.append(Series([position, (b - a) / extent, *rest][: order + 1]))
+    return axes
 
 
 def _arc(path: PathChunk, parts: Parts, order: int, *, bounds: bool) -> list[Series]:
     """Return the series of arcs, helices and spirals."""
     n = len(path.axes)
-    found = _linear(path, parts, order, bounds=bounds)
+    axes = _linear(path, parts, order, bounds=bounds)
     extent, first, last = _shares(path, parts)
     body = _columns(path, parts, START + 2 * n, 10)
     radius, growth, sweep, _, ex, ey, close_x, close_y = body[2:]
@@ -172,8 +172,8 @@ def _arc(path: PathChunk, parts: Parts, order: int, *, bounds: bool) -> list[Ser
                 continue
             value = along * a + across * b + line * close
             value = value + (start[c] - radius * a)
-            found[c] = _chosen(mine, value, found[c])
-    return found
+            axes[c] = _chosen(mine, value, axes[c])
+    return axes
 
 
 def _chosen(mine: NDArray[np.bool_], value: Series, other: Series) -> Series:
@@ -199,13 +199,13 @@ def _span(path: PathChunk, parts: Parts, degree: int, order: int, *, bounds: boo
     start = _columns(path, parts, START, n)
     weight = _polynomial(numbers[0], first, last, extent, order, bounds=bounds)
     rational = bool((numbers[0] != 1.0).any())
-    found = []
+    axes = []
     for c in range(n):
         value = _polynomial(numbers[c + 1], first, last, extent, order, bounds=bounds)
         if rational:
             value = value / weight
-        found.append(value + start[c])
-    return found
+        axes.append(value + start[c])
+    return axes
 
 
 def _polynomial(

@@ -209,7 +209,7 @@ class Window:
             path = path.under(path.limits.slower(MORE_SLOWLY**self.caution))
         goal, rests = path.goal(self._at)
         v = float(plan.phases[0]["v"]) if len(plan.phases) else 0.0
-        status, phases, known = accepted_plan(path, self._at, goal, v)
+        status, phases, intervals = accepted_plan(path, self._at, goal, v)
         if status == START_TOO_FAST and len(plan.phases):
             # The last plan is legal to its end: follow it to a point without acceleration, and try
             # again from there.
@@ -228,7 +228,7 @@ class Window:
                     int(first.line[0]),
                 )
             )
-        self._accept(phases, goal, known, rests=rests)
+        self._accept(phases, goal, intervals, rests=rests)
         return self._plan.settled > 0
 
     def take(self, seconds: float, length: float = SLICE_LENGTH) -> list[PlanChunk]:
@@ -349,14 +349,14 @@ class Window:
         return goal - self._at >= wanted or arrived >= MANY * self._stops_known / STOPS_KNOWN
 
     def _accept(
-        self, phases: Phases, goal: float, known: Intervals, *, rests: bool, lead: int = 0
+        self, phases: Phases, goal: float, intervals: Intervals, *, rests: bool, lead: int = 0
     ) -> None:
         """Make a plan the current one.
 
         Args:
             phases: the plan.
             goal: where it rests, mm.
-            known: the intervals over which it was made.
+            intervals: the intervals over which it was made.
             rests: whether the motion will rest there: then all of the plan is settled.
             lead: number of phases that are settled in any case.
         """
@@ -364,9 +364,9 @@ class Window:
         if not rests:
             top = float(phases["v"].max())
             kept = STOPS_KEPT * max(
-                goal - last_bound(phases, known), self.limits.stopping_distance(top)
+                goal - last_bound(phases, intervals), self.limits.stopping_distance(top)
             )
-            if len(known.end) >= MOST:
+            if len(intervals.end) >= MOST:
                 kept = min(kept, 0.5 * (goal - self._at))
             phases, count = cut_steady(phases, goal - kept)
         plan = self._plan
@@ -374,7 +374,7 @@ class Window:
         plan.arrived, plan.follow = 0, 1
         self.unproved = True
         open_from = float(phases[plan.settled]["s"]) if plan.settled < len(phases) else goal
-        plan.unsettled = len(known.end) - int(np.searchsorted(known.end, open_from))
+        plan.unsettled = len(intervals.end) - int(np.searchsorted(intervals.end, open_from))
 
     def _redirects(self) -> bool:
         """Plan anew to feeds that may be below the speed; return whether there is such a plan.
@@ -416,12 +416,12 @@ class Window:
         """Plan for a request from where the next slice begins; return whether there is a plan."""
         return self._adopt(slowed(request))
 
-    def _adopt(self, found: SlowedPlan | None) -> bool:
+    def _adopt(self, slowed: SlowedPlan | None) -> bool:
         """Make a plan that slows the current one; return whether there is one."""
-        if found is None:
+        if slowed is None:
             return False
-        self._plan.slow_from, self._plan.slowing = found.slow_from, found.limits
-        self._accept(found.phases, found.goal, found.known, rests=found.rests, lead=found.lead)
+        self._plan.slow_from, self._plan.slowing = slowed.slow_from, slowed.limits
+        self._accept(slowed.phases, slowed.goal, slowed.known, rests=slowed.rests, lead=slowed.lead)
         return True
 
     def _rebase(self) -> None:

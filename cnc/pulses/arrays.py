@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,6 @@ from cnc.planner.kernels.arrays import PlanArrays
 from cnc.planner.plan import PlanChunk
 
 Number = TypeVar("Number", bound=np.generic)
-Floats: TypeAlias = NDArray[np.float64]
 
 
 def plain(array: NDArray[Any], dtype: type[Number]) -> NDArray[Number]:

@@ -27,6 +27,7 @@ from cnc.path.chunk import PathChunk
 from cnc.report.blocks import BlockWriter
 from cnc.session.context import SessionContext, Stopwatch
 from cnc.session.kernel_needs import KernelNeeds
+from cnc.session.pipeline import program_path
 from cnc.session.program_reader import ProgramReader
 from cnc.session.required_capabilities import CapabilityCheck
 from cnc.stock.simulation import StockSimulation, ToolShape, tool_shape
@@ -79,11 +80,7 @@ class CheckPass:
         if hints is not None:
             blocks = hints.passed(blocks)
         counted = self._counted(blocks)
-        path = (
-            exact_path(counted, axes=reader.machine.axis_names, start=reader.start)
-            if for_lines
-            else reader.path_of(counted)
-        )
+        path = program_path(reader, counted, for_lines=for_lines)
         for item in self.path_time.inside(path):
             if isinstance(item, PathChunk):
                 self._kernels.see_path(item)

@@ -36,12 +36,12 @@ from cnc.model.blocks import ROTARY_LETTERS, AxisLetter, Block, Polyline, Switch
 from cnc.model.diagnostics import BoardError, Diagnostic, UsageError
 from cnc.model.operator_control import Control, HomingStopped
 from cnc.model.streams import GcodeLine, PackedLines
-from cnc.path.build import build
 from cnc.planner.joints import Joints
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.window import SLICE
 from cnc.pulses.reference_pulse import ReferencePulse
 from cnc.session.context import SessionContext
+from cnc.session.pipeline import path_of
 from cnc.session.run_pulses import Progress, execute
 
 # Homing cycles of the axes: their order, directions and places of rest.
@@ -562,8 +562,7 @@ class _Homing:
         start = self.tip()
         fastest = min(machine.board.max_step_rate, self.board.capabilities.max_step_rate)
         ahead = LookAhead(machine, self.control, slice_s=self.board.capabilities.slice_s or SLICE)
-        path = self.joints.path(build(blocks, axes=machine.axis_names, start=start), start)
-        planned = ahead.plan(path)
+        planned = ahead.plan(path_of(blocks, machine, start))
         pulses = ReferencePulse(
             self.steps_per_mm,
             self.joints.at(start),

@@ -246,7 +246,6 @@ JOBS = {
             "planner.kernels.corner_places",
             "planner.kernels.corner_legs",
             "planner.kernels.corner_guess",
-            "planner.kernels.corner_known",
             "planner.kernels.corner_search",
         ),
         plan_corner,

@@ -40,11 +40,9 @@ from cnc.model import parameter_numbers as numbers
 from cnc.model.blocks import AXIS_LETTERS, Block, BoardCommand
 from cnc.model.choices import DialectName
 from cnc.model.diagnostics import CncError, Diagnostic, UsageError, printable
-from cnc.path.build import DueTimes, build
-from cnc.path.chunk import PathChunk
+from cnc.path.build import DueTimes
 from cnc.path.warp import Surface, Warp
 from cnc.planner.joints import Joints, ToolTipOf
-from cnc.planner.motion_time import motion_time
 from cnc.report.result import WarpedBy
 from cnc.session.resume import RestartPoint, line_of_call, unanswered_line
 
@@ -412,25 +410,6 @@ class ProgramReader:
         """Yield the canonical blocks of a text in another dialect, without a change of state."""
         rules = self.rules() if dialect == "auto" else dialects.load(dialect)
         return self._interpreted(rules, text, self._saved_state(rules))
-
-    def path_of(self, blocks: Iterable[Block]) -> Iterator[PathChunk | Block]:
-        """Yield the path of blocks, and the blocks that do not move.
-
-        Behind the columns of the axes are those of the joints, where the joints are not the axes.
-        """
-        if self.due_times is not None:
-            self.due_times.clear()
-        joints = Joints(self.machine)
-        path = build(
-            blocks,
-            axes=self.machine.axis_names,
-            start=self.start,
-            tolerance=self.machine.path.tolerance,
-            due_times=self.due_times,
-            short_legs=joints.short_legs,
-            duration=motion_time(self.machine),
-        )
-        return joints.path(path, self.start)
 
     def begin_at(self, line: int | None) -> None:
         """Begin at a source line, or at the first for None.

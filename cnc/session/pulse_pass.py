@@ -22,7 +22,7 @@ from cnc.planner.window import LONG, SLICE
 from cnc.pulses.reference_pulse import ReferencePulse
 from cnc.report.pulses import PulseWriter, pulse_writer
 from cnc.session.context import SessionContext, TimedInterpolator
-from cnc.session.planned_motion import PathItems, PlanItems, PlannedMotion
+from cnc.session.pipeline import PathItems, PlanItems, PlannedMotion
 from cnc.session.required_capabilities import expected_capabilities, known_driver, pause_text
 from cnc.session.run_pulses import Progress, execute
 

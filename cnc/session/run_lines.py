@@ -36,7 +36,7 @@ from cnc.path.chunk import PathChunk
 from cnc.planner.lookahead import LookAhead
 from cnc.report.result import Extremes
 from cnc.session.context import SessionContext
-from cnc.session.planned_motion import PlannedMotion
+from cnc.session.pipeline import PlannedMotion
 from cnc.session.position_check import offset_lines
 from cnc.session.required_capabilities import pause_reason, pause_text
 from cnc.session.run_pulses import Progress

@@ -42,7 +42,7 @@ from cnc.session.context import (
 from cnc.session.homing import home_line_board, home_pulse_board
 from cnc.session.kernel_needs import KernelNeeds
 from cnc.session.options import RunOptions
-from cnc.session.planned_motion import PathItems, PlannedMotion
+from cnc.session.pipeline import PathItems, PlannedMotion
 from cnc.session.position_check import named_offsets, offsets_in, write_offsets
 from cnc.session.program_reader import (
     WITHOUT_FILE,

@@ -39,6 +39,8 @@ from cnc.stock.kernels.sweep import (
     cut_pieces,
 )
 
+Floats = NDArray[np.float64]
+
 # The material that is left: a grid of heights, lowered along a path.
 
 Ints = NDArray[np.int64]
@@ -120,10 +122,10 @@ def _deepest(bands: list[Depths]) -> Depths:
     """Return the depths of all bands together."""
     if len(bands) == 1:
         return bands[0]
-    depth = np.stack([each.depth for each in bands])
+    depth = np.stack([band.depth for band in bands])
     best = depth.argmax(axis=0)
     rows, parts = np.indices(best.shape)
-    place = np.stack([each.place for each in bands])
+    place = np.stack([band.place for band in bands])
     return Depths(depth.max(axis=0), place[best, rows, parts])
 
 
@@ -232,8 +234,8 @@ def _angle(comment: str) -> tuple[float | None, str]:
     spot, drill = _SPOT.search(comment), _DRILL.search(comment)
     if taper := _TAPER.search(comment):
         return float(taper[1]) * (1.0 if drill or spot else 2.0), ""
-    if found := _ANGLE.search(comment):
-        return float(found[1] or found[2]), ""
+    if angle := _ANGLE.search(comment):
+        return float(angle[1] or angle[2]), ""
     if spot:
         return SPOT_ANGLE, f"a point angle of {SPOT_ANGLE:.6g} degrees is assumed"
     if drill:
@@ -241,16 +243,14 @@ def _angle(comment: str) -> tuple[float | None, str]:
     return None, ""
 
 
-def _length(found: re.Match[str] | None, scale: float, missing: float) -> float:
+def _length(match: re.Match[str] | None, scale: float, missing: float) -> float:
     """Return the number of a match in mm."""
-    return missing if found is None else float(found[1]) * scale
+    return missing if match is None else float(match[1]) * scale
 
 
 TOLERANCE = 1e-3
 """mm. Rounding alone may take a part of the tool this far into material."""
 COORDINATES = "positions are machine coordinates, after all offsets, of the tool tip"
-
-Floats = NDArray[np.float64]
 
 
 class StockSimulation:

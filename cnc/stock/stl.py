@@ -71,12 +71,12 @@ def _corners(x: float, y: Floats, z: Floats) -> Floats:
     return np.stack((np.full(len(y), x), y, z), axis=1)
 
 
-def _strip(one: Floats, other: Floats) -> bytes:
+def _strip(first: Floats, second: Floats) -> bytes:
     """Return the triangles between two rows of points (n, 3).
 
-    They face the cross product of the way from ``one`` to ``other`` and that along the rows.
+    They face the cross product of the way from ``first`` to ``second`` and that along the rows.
     """
-    a, b, c, d = one[:-1], other[:-1], other[1:], one[1:]
+    a, b, c, d = first[:-1], second[:-1], second[1:], first[1:]
     triangles = np.zeros(2 * len(a), TRIANGLE)
     triangles["corners"][0::2] = np.stack((a, b, c), axis=1)
     triangles["corners"][1::2] = np.stack((a, c, d), axis=1)

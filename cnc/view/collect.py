@@ -77,9 +77,9 @@ class JointTable:
         if not len(position):
             return
         before = self._last if len(self._last) else np.repeat(position[:1], 2, axis=0)
-        known = np.concatenate((before, position))
-        self._last = known[-2:]
-        speed = np.diff(known, axis=0) / self._period
+        positions = np.concatenate((before, position))
+        self._last = positions[-2:]
+        speed = np.diff(positions, axis=0) / self._period
         accel = np.diff(speed, axis=0) / self._period
         values = np.stack((position, speed[1:], accel), axis=1)
         while self._count + len(values) > self.most * self._width:

@@ -164,14 +164,14 @@ def about_picture(picture: Picture, report: Report) -> dict[str, Any]:
 
 def _joints(machine: Machine) -> list[dict[str, Any]]:
     """Return name, unit, and limits of velocity and acceleration of each joint."""
-    each = zip(machine.joint_tables.items(), Joints(machine).angular, strict=True)
+    joints = zip(machine.joint_tables.items(), Joints(machine).angular, strict=True)
     return [
         {
             "name": name.upper(),
             "unit": "\u00b0" if angular else "mm",
             "limits": [joint.max_velocity, joint.max_acceleration],
         }
-        for (name, joint), angular in each
+        for (name, joint), angular in joints
     ]
 
 

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from cnc.machine.models import Machine
 from cnc.model.blocks import ArcFeed, Block, NurbsFeed, Polyline, Probe
 from cnc.path.block_pieces import Frame
-from cnc.path.curve import arc_chords
-from cnc.path.fit_curves import nurbs_chords
+from cnc.path.fit_curves import arc_chords, nurbs_chords
 from cnc.path.records import axis_classes
 from cnc.report.result import Report
 from cnc.view.collect import DRAWN_AXES, Picture

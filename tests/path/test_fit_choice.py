@@ -8,21 +8,27 @@ import pytest
 from cnc.model.blocks import PathMode
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
-from cnc.path.fit import MOST_MOVES
+from cnc.path.fit import MOST_MOVES, Alternatives
 from cnc.path.kernels.curve import LINE
 from tests.support.planner.motions import AXES, lines
 
 ZIGZAG = np.array([(1, 0, 0), (1, 1, 0), (2, 1, 0), (2, 2, 0), (3, 2, 0)], float)
 
 
-def pieces(points, duration, tolerance=0.1, repeat=1):
+def pieces(points, duration, tolerance=0.1):
+    """The kinds of the pieces, if the faster path is chosen; without ``duration``, no answer."""
     path = build(
-        [PathMode("t.nc", 1, "blend", tolerance), *[lines(points, 20.0)] * repeat],
+        [PathMode("t.nc", 1, "blend", tolerance), lines(points, 20.0)],
         axes=AXES,
         start=np.zeros(3),
-        duration=duration,
+        offers_corners=True,
     )
-    chunks = [chunk for chunk in path if isinstance(chunk, PathChunk)]
+    chunks = []
+    for item in path:
+        if isinstance(item, PathChunk):
+            chunks.append(item)
+        elif isinstance(item, Alternatives) and duration is not None:
+            item.answer.values = (float(duration(item.corners) < duration(item.spline)),)
     return np.concatenate([chunk.kind for chunk in chunks])
 
 
@@ -43,7 +49,7 @@ def test_the_faster_of_spline_and_corners_is_kept(corners):
     assert not corners or len(kinds) == len(ZIGZAG)
 
 
-def test_the_spline_is_kept_without_times_and_where_corners_save_nothing():
+def test_the_spline_is_kept_without_an_answer_and_where_corners_save_nothing():
     assert (pieces(ZIGZAG, None) != LINE).any()
     assert (pieces(ZIGZAG, lambda chunk: 1.0) != LINE).any()
     assert (pieces(ZIGZAG, lambda chunk: math.inf) != LINE).any()

@@ -11,8 +11,8 @@ from cnc.model.blocks import PathMode, Polyline
 from cnc.path.build import build
 from cnc.path.kernels.curve import LINE
 from cnc.planner.lookahead import LookAhead
-from cnc.planner.motion_time import motion_time
 from cnc.planner.plan import PlanChunk
+from cnc.session.pipeline import path_of
 from tests.support.planner.corners import assert_legal, distances, duration, planned
 from tests.support.planner.motions import AXES, lines, machine, sampled
 from tests.support.soak import share
@@ -122,13 +122,8 @@ def test_corners_of_short_legs_are_passed_together_where_that_is_faster():
     mill = machine(tangential=5000.0, normal=8800.0, jerk=826_000.0)
     heading = np.radians([0.0, 160.0, 101.0])
     steps = 0.5 * np.stack((np.cos(heading), np.sin(heading), 0.0 * heading), axis=1)
-    path = build(
-        [PathMode("", 1, "blend", 0.135), lines(np.cumsum(steps, axis=0), 257.0)],
-        axes=AXES,
-        start=np.zeros(3),
-        short_legs=0,
-        duration=motion_time(mill),
-    )
+    blocks = [PathMode("", 1, "blend", 0.135), lines(np.cumsum(steps, axis=0), 257.0)]
+    path = path_of(blocks, mill, np.zeros(3))
     chunks = [item for item in LookAhead(mill).plan(path) if isinstance(item, PlanChunk)]
     assert duration(chunks) < 1.05 * 0.0448
 

@@ -7,8 +7,8 @@ import pytest
 
 from cnc.planner import lookahead
 from cnc.planner.corner_choice import SHORT, passed_together
-from cnc.planner.kernels.corner_known import new_known
 from cnc.planner.kernels.corner_places import MOST_CORNERS
+from cnc.planner.kernels.corner_search import new_solutions
 from cnc.planner.limits import Limits
 from tests.support.planner.corners import assert_legal, distances, duration, planned
 from tests.support.planner.motions import lines, machine, path_of, sampled
@@ -56,7 +56,9 @@ def test_the_choice_is_never_slower_than_blends(seed, monkeypatch):
 def chosen(points, mill):
     (chunk,) = path_of([lines(points, 50.0)])
     tolerance = np.where(np.arange(len(chunk)) < len(chunk) - 1, EPS, 0.0)
-    return passed_together(replace(chunk, tolerance=tolerance), True, Limits.of(mill), new_known())
+    return passed_together(
+        replace(chunk, tolerance=tolerance), True, Limits.of(mill), new_solutions()
+    )
 
 
 SLOW_TURNS = machine(tangential=5000.0, normal=8800.0, jerk=826_000.0)
@@ -87,6 +89,6 @@ def test_corners_beside_the_border_of_a_chunk_have_blends():
     chunk = replace(chunk, tolerance=np.array([EPS, EPS, 0.0]))
     goes_on = replace(chunk, stop_after=np.zeros(3, np.bool_))
     limits = Limits.of(SLOW_TURNS)
-    assert passed_together(chunk, True, limits, new_known()).any()
-    assert not passed_together(chunk, False, limits, new_known()).any()
-    assert not passed_together(goes_on, True, limits, new_known()).any()
+    assert passed_together(chunk, True, limits, new_solutions()).any()
+    assert not passed_together(chunk, False, limits, new_solutions()).any()
+    assert not passed_together(goes_on, True, limits, new_solutions()).any()

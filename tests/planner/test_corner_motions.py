@@ -16,9 +16,9 @@ from cnc.model.operator_control import Control
 from cnc.path.build import build
 from cnc.planner.audit import Audit
 from cnc.planner.corner_motions import CornerMotions
-from cnc.planner.kernels.corner_known import new_known
 from cnc.planner.kernels.corner_motion import fastest_motion
 from cnc.planner.kernels.corner_rows import AXIS, new_rows, set_stencils
+from cnc.planner.kernels.corner_search import new_solutions
 from cnc.planner.kernels.corner_tube import Tube, place_ends, set_knots
 from cnc.planner.lookahead import LookAhead
 from tests.support.planner.corners import PER_AXIS, SQUARE, duration, planned
@@ -233,12 +233,12 @@ def test_no_motion_is_sought_twice():
         plans.append(chunk)
     motions = CornerMotions(ahead.limits, Audit(ahead.limits))
     first = [part.plan for part in (*motions.passed(plans), *motions.flush())]
-    known = int(motions._known.next[0])
-    assert known > 0
+    searches = int(motions._solutions.next[0])
+    assert searches > 0
     again = [part.plan for part in (*motions.passed(plans), *motions.flush())]
-    assert int(motions._known.next[0]) == known
+    assert int(motions._solutions.next[0]) == searches
     assert duration(again) - again[0].t0 == pytest.approx(duration(first) - first[0].t0, abs=1e-12)
-    assert known < len(new_known().found)
+    assert searches < len(new_solutions().exists)
 
 
 @pytest.mark.parametrize("percent", [20.0, 60.0, 150.0][share(0, 1) :])

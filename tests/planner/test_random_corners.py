@@ -15,7 +15,6 @@ from cnc.path.build import build
 from cnc.planner.audit import Audit
 from cnc.planner.corner_motions import CornerMotions
 from cnc.planner.lookahead import LookAhead
-from cnc.planner.motion_time import motion_time
 from cnc.pulses.reference_pulse import ReferencePulse
 from tests.support.planner.corners import (
     assert_legal,
@@ -73,7 +72,7 @@ def test_random_chains_are_legal_and_within_the_tolerance(seed):
     points, mill = random_chain(rng), random_mill(rng)
     tolerance, feed = 10 ** rng.uniform(-3, -0.5), 10 ** rng.uniform(0.7, 2.5)
     stops, _ = planned(points, 0.0, mill, feed)
-    chunks, ahead = planned(points, tolerance, mill, feed, motion_time(mill))
+    chunks, ahead = planned(points, tolerance, mill, feed, chooses=True)
     assert not ahead.audit.violations
     # Where all turns are small the path is a smooth curve, which may take longer than stops.
     assert duration(chunks) <= duration(stops) * 1.05

@@ -8,10 +8,15 @@ from hypothesis import strategies as st
 from cnc.api import plan
 from cnc.kinematics.delta import Delta
 from cnc.machine.models import Axis, Machine
-from cnc.planner.motion_time import motion_time
+from cnc.model.blocks import PathMode
+from cnc.path.build import build
+from cnc.path.fit import Alternatives
+from cnc.planner.joints import Joints
 from cnc.planner.plan import PlanChunk
+from cnc.session.pipeline import path_of
 from tests.planner.test_random_corners import random_chain, random_mill
 from tests.support.planner.corners import duration, planned
+from tests.support.planner.motions import AXES, lines
 from tests.support.soak import share
 
 
@@ -22,7 +27,7 @@ def times(seed):
     tolerance, feed = 10 ** rng.uniform(-3, -0.5), 10 ** rng.uniform(0.7, 2.5)
     made = [
         planned(points, tolerance, mill, feed)[0],
-        planned(points, tolerance, mill, feed, motion_time(mill))[0],
+        planned(points, tolerance, mill, feed, chooses=True)[0],
         planned(points, 0.0, mill, feed)[0],
     ]
     return [duration(chunks) for chunks in made]
@@ -52,7 +57,7 @@ def test_programs_are_planned_with_the_choice(tmp_path):
     moves = [f"G1 X{x:.9f} Y{y:.9f} Z{z:.9f}" for x, y, z in points]
     file.write_text(f"G21 G90 G94 G64 P{tolerance:.9f} F{feed:.9f}\n" + "\n".join(moves))
     chunks = [item for item in plan(file, mill) if isinstance(item, PlanChunk)]
-    faster = duration(planned(points, tolerance, mill, feed / 60.0, motion_time(mill))[0])
+    faster = duration(planned(points, tolerance, mill, feed / 60.0, chooses=True)[0])
     assert duration(chunks) == pytest.approx(faster, rel=1e-6)
 
 
@@ -63,4 +68,10 @@ def test_no_choice_where_the_pose_sets_the_time():
     machine = Machine(
         axes=dict.fromkeys("xyz", axis), joints=dict.fromkeys("abc", joint), kinematics=delta
     )
-    assert motion_time(machine) is None
+    start, zigzag = np.zeros(3), [(1, 0, 0), (1, 1, 0), (2, 1, 0), (2, 2, 0), (3, 2, 0)]
+    blocks = [PathMode("t.nc", 1, "blend", 0.1), lines(zigzag, 20.0)]
+    offered = build(blocks, axes=AXES, start=start, offers_corners=True)
+    assert any(isinstance(item, Alternatives) for item in offered)
+    (path,) = path_of(blocks, machine, start)
+    (spline,) = Joints(machine).path(build(blocks, axes=AXES, start=start), start)
+    assert path.data.tobytes() == spline.data.tobytes()

@@ -1,8 +1,8 @@
-"""Half-step deviation in integers (Shu et al. 2019): a circle about the origin.
+"""Half steps and point-by-point comparison in integers (Shu et al. 2019): circles, and a line.
 
-Both the centre and the radius are on the grid.
+A circle is about the origin, with its radius on the grid.
 
-The deviation F and its differences are those of :mod:`cnc.papers.kernels.half_step`. The
+Half steps have the deviation F and its differences of the point-by-point comparison below. The
 faster axis, y where |x| >= |y|, steps alone or with the other axis, whichever leaves the smaller
 |F|: alone on a tie.
 """
@@ -16,7 +16,7 @@ from cnc.compiled.jit import njit
 
 # Point-by-point comparison in integers (Shu et al. 2019): a line and a circle.
 #
-# The line begins at the origin. The circle is about it, with its radius on the grid.
+# The line begins at the origin.
 #
 # F is the deviation of the grid point: Xe Yi - Xi Ye of a line to (Xe, Ye) (equation 1), x^2 + y^2
 # - R^2 of a circle. It is never computed anew, since a step changes it by a difference: -Ye or +Xe

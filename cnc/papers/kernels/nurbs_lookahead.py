@@ -52,7 +52,7 @@ from cnc.path.kernels.curve import U0, U1, Floats, Pieces, curve_eval
 
 # Speeds from B down to A, where the look-ahead of Hui, Wei and Gao 2013 (section 4.2) goes back.
 #
-# The drawing is in :mod:`cnc.papers.kernels.nurbs_lookahead`.
+# The drawing is at the head of this file.
 
 TOLERANCE = 1e-6
 """By this part a speed may fall more than T A before the look-ahead goes back: rounding is no

@@ -1,4 +1,4 @@
-"""The limits of a machine as kernels take them."""
+"""Limits, paths, plans and phases as kernels take them: arrays with names."""
 
 from __future__ import annotations
 
@@ -37,9 +37,6 @@ class LimitArrays(NamedTuple):
     axis_jerk: NDArray[np.float64]
 
 
-# A path with the data that planning needs of each piece, as kernels take it.
-
-
 class PathArrays(NamedTuple):
     """Consecutive pieces of a path: the arrays of a :class:`cnc.path.chunk.PathChunk`.
 
@@ -60,9 +57,6 @@ class PathArrays(NamedTuple):
     line: NDArray[np.int32]
     stop_after: NDArray[np.bool_]
     tolerance: NDArray[np.float64]
-
-
-# A plan s(t) as kernels take it: phases of constant jerk over the pieces of a path.
 
 
 class PlanArrays(NamedTuple):
@@ -87,7 +81,7 @@ class PlanArrays(NamedTuple):
 
 # Phases of constant jerk as rows of an array, as the planner makes and changes them.
 #
-# A finished plan has the same data as arrays of its own (:mod:`cnc.planner.kernels.arrays`).
+# A finished plan has the same data as PlanArrays.
 
 PHASE = np.dtype(
     [

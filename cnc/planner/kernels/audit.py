@@ -7,9 +7,9 @@ They come from two sources; neither shares a formula with the planner:
 - differences of successive positions at the sampling period, which show jumps at junctions too
   (:mod:`cnc.planner.kernels.audit_samples`).
 
-The hull of a piece's control points (:mod:`cnc.planner.kernels.audit`) bounds its derivatives.
-Where these bounds cannot raise any maximum, the inside of the piece is skipped; the maxima are the
-same. Positions are sampled everywhere.
+The hull of a piece's control points bounds its derivatives. Where these bounds cannot raise any
+maximum, the inside of the piece is skipped; the maxima are the same. Positions are sampled
+everywhere.
 """
 
 from __future__ import annotations

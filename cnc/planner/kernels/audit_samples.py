@@ -39,6 +39,8 @@ from cnc.planner.kernels.audit import (
 )
 from cnc.planner.kernels.timed import is_timed
 
+Floats = NDArray[np.float64]
+
 # Positions of a plan at many instants, for the audit.
 
 Ints = NDArray[np.int64]
@@ -198,9 +200,6 @@ def write_positions(pieces: Pieces, piece_s: Floats, count: int, run: Run) -> No
         first = last
 
 
-Floats = NDArray[np.float64]
-
-
 @njit
 def _step_and_sagitta(
     pieces: Pieces,
@@ -262,13 +261,13 @@ def _step_and_sagitta(
 
 @njit
 def _raise_by_differences(
-    position: Floats, known: int, count: int, period: float, largest: Largest
+    position: Floats, kept: int, count: int, period: float, largest: Largest
 ) -> None:
     """Raise the maxima of the axes to the differences of positions.
 
     Args:
         position: (axes, KEPT + count): those at three instants before, then the new ones.
-        known: number of valid positions before.
+        kept: number of valid positions before.
         count: number of new positions.
         period: s.
         largest: the maxima.
@@ -285,15 +284,15 @@ def _raise_by_differences(
             v = position[i, KEPT + k] - here
             a = v - v_before
             j = a - a_before
-            if known + k >= KEPT:
+            if kept + k >= KEPT:
                 v_most, a_most, j_most = (
                     max(v_most, abs(v)),
                     max(a_most, abs(a)),
                     max(j_most, abs(j)),
                 )
             else:
-                v_most = max(v_most, abs(v)) if known + k > 0 else v_most
-                a_most = max(a_most, abs(a)) if known + k > 1 else a_most
+                v_most = max(v_most, abs(v)) if kept + k > 0 else v_most
+                a_most = max(a_most, abs(a)) if kept + k > 1 else a_most
             here, v_before, a_before = position[i, KEPT + k], v, a
         largest.axis_v[i] = max(largest.axis_v[i], v_most * per_v)
         largest.axis_a[i] = max(largest.axis_a[i], a_most * per_a)
@@ -303,10 +302,10 @@ def _raise_by_differences(
 @njit
 def some_timed(pieces: Pieces, first: int, last: int) -> bool:
     """Return whether one of the pieces first .. last is timed."""
-    found = False
+    timed = False
     for k in range(first, last + 1):
-        found = found or is_timed(pieces.kind[k], pieces.data, pieces.at[k])
-    return found
+        timed = timed or is_timed(pieces.kind[k], pieces.data, pieces.at[k])
+    return timed
 
 
 @njit
@@ -326,7 +325,7 @@ def instants_to_skip(v: float, left: float, period: float) -> int:
 
 @njit
 def _instants(
-    plan: PlanArrays, t0: float, period: float, index: int, known: int, phase: int, run: Run
+    plan: PlanArrays, t0: float, period: float, index: int, kept: int, phase: int, run: Run
 ) -> tuple[int, int, int]:
     """Write arc length and piece at the next instants; the entries are those of :class:`Run`.
 
@@ -349,7 +348,7 @@ def _instants(
         piece = next_piece(piece, s, piece_s)
         count += 1
         run.s[count], run.piece[count], run.stopped[count] = s, piece, stopped
-        if a == 0.0 and j == 0.0 and v > 0.0 and known + count >= KEPT and not run.timed[piece]:
+        if a == 0.0 and j == 0.0 and v > 0.0 and kept + count >= KEPT and not run.timed[piece]:
             left = plan.t[phase + 1] + t0 - (index + count) * period
             skipped = instants_to_skip(v, left, period)
     return count, phase, max(skipped, 0)
@@ -411,7 +410,7 @@ def audit_samples(
     period: float,
     shortest: float,
     index: int,
-    known: int,
+    kept: int,
     last: Floats,
     largest: Largest,
 ) -> tuple[int, int]:
@@ -429,13 +428,13 @@ def audit_samples(
         period: s.
         shortest: mm.
         index: number of the first instant.
-        known: number of valid positions in ``last``.
+        kept: number of valid positions in ``last``.
         last: (5, axes): positions at the instants before, the newest in row 0; rows 3 and 4 are
             scratch.
         largest: the maxima.
 
     Returns:
-        The next index and the new ``known``.
+        The next index and the new ``kept``.
     """
     n = len(largest.axis_v)
     run = Run(
@@ -459,18 +458,18 @@ def audit_samples(
     phase = 0
     end = t0 + plan.t[-1]
     while index * period <= end:
-        count, phase, skipped = _instants(plan, t0, period, index, known, phase, run)
+        count, phase, skipped = _instants(plan, t0, period, index, kept, phase, run)
         write_positions(pieces, plan.piece_s, count, run)
-        _raise_by_differences(position, known, count, period, largest)
+        _raise_by_differences(position, kept, count, period, largest)
         _raise_by_steps(pieces, plan.piece_s, shortest, count, run, largest)
         for i in range(n):
             for k in range(KEPT):
                 position[i, k] = position[i, count + k]
         index += count + skipped
-        known = 0 if skipped > 0 else min(known + count, KEPT)
+        kept = 0 if skipped > 0 else min(kept + count, KEPT)
         run.s[0] = -1.0 if skipped > 0 else run.s[count]
         run.piece[0] = run.piece[count]
     for i in range(n):
         for k in range(KEPT):
             last[KEPT - 1 - k, i] = position[i, k]
-    return index, known
+    return index, kept

@@ -25,6 +25,9 @@ from cnc.planner.kernels.intervals import (
 )
 from cnc.planner.kernels.scurve import phase_time
 
+Flags = NDArray[np.bool_]
+Floats = NDArray[np.float64]
+
 # Cells of a plan under refinement, and the motion through one.
 #
 #       s0      s1      s2
@@ -268,19 +271,19 @@ class Stretch(NamedTuple):
 
 
 @njit
-def separate(phases: Phases, known: Intervals, rows: Phases, fixed: Flags) -> int:
+def separate(phases: Phases, intervals: Intervals, rows: Phases, fixed: Flags) -> int:
     """Copy ``phases`` to ``rows``, a long cruise in three parts, and mark those that stay as is.
 
     Args:
         phases: (p,): the plan.
-        known: the intervals of the path.
+        intervals: the intervals of the path.
         rows: (3 p,): receives the copy.
         fixed: (3 p,): receives whether a row stays as is.
 
     Returns:
         The number of rows.
     """
-    end, top, flat = known.end, known.top, known.flat
+    end, top, flat = intervals.end, intervals.top, intervals.flat
     count = 0
     k = 0
     for i in range(len(phases)):
@@ -346,16 +349,16 @@ def slows_again(rows: Phases, r: int, last: int) -> float:
 
 
 @njit
-def left_by_bends(row: np.void, finish: float, known: Intervals, limits: SumLimits) -> float:
+def left_by_bends(row: np.void, finish: float, intervals: Intervals, limits: SumLimits) -> float:
     """Return the acceleration that is possible throughout a phase beside that of the bends, mm/s^2.
 
     Args:
         row: the phase, of constant acceleration.
         finish: arc length at its end, mm.
-        known: the intervals of the path.
+        intervals: the intervals of the path.
         limits: for the sums.
     """
-    end, samples = known.end, known.samples
+    end, samples = intervals.end, intervals.samples
     axes = samples.shape[3]
     s, v, a = row["s"], row["v"], row["a"]
     lowest = limits.a[axes]
@@ -376,7 +379,7 @@ def left_by_bends(row: np.void, finish: float, known: Intervals, limits: SumLimi
 
 @njit
 def possible_gain(
-    rows: Phases, first: int, last: int, known: Intervals, limits: SumLimits
+    rows: Phases, first: int, last: int, intervals: Intervals, limits: SumLimits
 ) -> float:
     """Return an estimate of the time that refinement can save on the rows [first, last), s.
 
@@ -385,7 +388,7 @@ def possible_gain(
     leave. So can one that ends its deceleration below the
     speed bounds, where the motion decelerates again behind it.
     """
-    end, top, samples = known.end, known.top, known.samples
+    end, top, samples = intervals.end, intervals.top, intervals.samples
     axes = samples.shape[3]
     total = 0.0
     k = interval_at(rows[first]["s"], np.searchsorted(end, rows[first]["s"]), end)
@@ -418,15 +421,12 @@ def possible_gain(
         if j == 0.0 and a != 0.0:
             most = float(highest)
             if abs(a) >= STEEPEST * most:
-                most = left_by_bends(row, finish, known, limits)
+                most = left_by_bends(row, finish, intervals, limits)
                 if abs(a) >= STEEPEST_ON_BENDS * most:
                     continue
             total += row["duration"] * (1.0 - math.sqrt(abs(a) / most))
     return total
 
-
-Flags = NDArray[np.bool_]
-Floats = NDArray[np.float64]
 
 RAMP_CELLS = 5
 """Cells in the longest jerk phase of a stretch; the others are about as long in time."""
@@ -477,7 +477,7 @@ NEAR_END = 1e-9
 
 @njit
 def even_until(
-    s: float, reached: float, k: int, v: float, known: Intervals, limits: SumLimits
+    s: float, reached: float, k: int, v: float, intervals: Intervals, limits: SumLimits
 ) -> float:
     """Return how far the path is even enough for one cell.
 
@@ -486,18 +486,18 @@ def even_until(
         reached: where the cell would end.
         k: the interval at its start.
         v: the speed in it, mm/s.
-        known: the intervals of the path.
+        intervals: the intervals of the path.
         limits: for the sums.
 
     Returns:
         ``reached``, or the end of the first interval by which q'' v^2 or q''' v^3 differ from those
         at the start of the cell by the share UNEVEN of a limit.
     """
-    end, samples = known.end, known.samples
-    extent = known.sampled[k, 1] - known.sampled[k, 0]
+    end, samples = intervals.end, intervals.samples
+    extent = intervals.sampled[k, 1] - intervals.sampled[k, 0]
     m = 0
     if extent > 0.0:
-        m = min(int((SAMPLES - 1) * (s - known.sampled[k, 0]) / extent + 0.5), SAMPLES - 1)
+        m = min(int((SAMPLES - 1) * (s - intervals.sampled[k, 0]) / extent + 0.5), SAMPLES - 1)
     first = k
     while k + 1 < len(end) and end[k] < reached:
         for i in range(samples.shape[3]):
@@ -511,13 +511,13 @@ def even_until(
 
 @njit
 def place_cuts(
-    stretch: Stretch, known: Intervals, limits: SumLimits, cells: Cells, write: bool
+    stretch: Stretch, intervals: Intervals, limits: SumLimits, cells: Cells, write: bool
 ) -> int:
     """Cut the motion of a stretch into cells.
 
     Args:
         stretch: of the plan.
-        known: the intervals of the path.
+        intervals: the intervals of the path.
         limits: for the sums.
         cells: receives arc length, speed and acceleration at the cuts.
         write: whether to write them, or only to count.
@@ -525,7 +525,7 @@ def place_cuts(
     Returns:
         The number of cells.
     """
-    end = known.end
+    end = intervals.end
     rows, first, last = stretch.rows, stretch.first, stretch.last
     ramp = 0.0
     whole = 0.0
@@ -544,7 +544,7 @@ def place_cuts(
         duration, s0, v0, a0, j = row["duration"], row["s"], row["v"], row["a"], row["j"]
         if duration < TINY * usual and r > first:
             reached = phase_at(duration, s0, v0, a0, j)[0]
-            even = even_until(s0, reached, k, REACHED * v0, known, limits)
+            even = even_until(s0, reached, k, REACHED * v0, intervals, limits)
             if even >= reached or reached < s0 + SHORTEST_CELL:
                 continue
         steady = a0 == 0.0 and j == 0.0
@@ -566,7 +566,7 @@ def place_cuts(
                 size *= 0.5
             while size > least / FINEST:
                 reached = phase_at(t + size, s0, v0, a0, j)[0]
-                if even_until(here, reached, k, REACHED * v, known, limits) >= reached:
+                if even_until(here, reached, k, REACHED * v, intervals, limits) >= reached:
                     break
                 size *= 0.5
             if t + 1.4 * size >= duration:
@@ -585,19 +585,19 @@ def place_rest(cells: Cells) -> None:
 
 
 @njit
-def describe(cells: Cells, known: Intervals) -> None:
+def describe(cells: Cells, intervals: Intervals) -> None:
     """Compute length, speed bounds and derivatives of the path of each cell from its cuts."""
-    end, top = known.end, known.top
+    end, top = intervals.end, intervals.top
     s, cell_top, q = cells.s, cells.top, cells.q
     place_rest(cells)
     k = interval_at(s[0], np.searchsorted(end, s[0]), end)
     for m in range(len(cells.length)):
         cells.length[m] = s[m + 1] - s[m]
         k = interval_at(s[m], k, end)
-        derivatives(k, s[m], known, q[m, 0])
+        derivatives(k, s[m], intervals, q[m, 0])
         middle = 0.5 * (s[m] + s[m + 1])
         k = interval_at(middle, k, end)
-        derivatives(k, middle, known, q[m, 1])
+        derivatives(k, middle, intervals, q[m, 1])
         if cells.rest_before != CLOSED and m + 1 == len(cells.length):
             cells.length[m] = OPEN
         cell_top[m, 0] = cells.pace[m] * top[k]
@@ -606,20 +606,22 @@ def describe(cells: Cells, known: Intervals) -> None:
         if k > 0 and s[m + 1] <= end[k - 1]:
             k -= 1
             cell_top[m, 1] = min(cell_top[m, 1], cells.pace[m] * top[k])
-        derivatives(k, s[m + 1], known, q[m, 2])
+        derivatives(k, s[m + 1], intervals, q[m, 2])
 
 
 @njit
-def matters(known: Intervals, k: int, limits: SumLimits) -> bool:
+def matters(intervals: Intervals, k: int, limits: SumLimits) -> bool:
     """Return whether the path or its bounds jump at the end of interval ``k``."""
-    if known.share[k] != known.share[k + 1]:
+    if intervals.share[k] != intervals.share[k + 1]:
         return True
-    if abs(known.top[k + 1] - known.top[k]) > STEP * min(known.top[k], known.top[k + 1]):
+    if abs(intervals.top[k + 1] - intervals.top[k]) > STEP * min(
+        intervals.top[k], intervals.top[k + 1]
+    ):
         return True
-    v = REACHED * min(known.speed[k], known.speed[k + 1])
-    v = min(v, known.top[k], known.top[k + 1])
-    before, after = known.samples[k, SAMPLES - 1], known.samples[k + 1, 0]
-    for i in range(known.samples.shape[3]):
+    v = REACHED * min(intervals.speed[k], intervals.speed[k + 1])
+    v = min(v, intervals.top[k], intervals.top[k + 1])
+    before, after = intervals.samples[k, SAMPLES - 1], intervals.samples[k + 1, 0]
+    for i in range(intervals.samples.shape[3]):
         if abs(after[1, i] - before[1, i]) * v * v > JUMP * limits.a[i]:
             return True
         if abs(after[2, i] - before[2, i]) * v * v * v > JUMP * limits.j[i]:
@@ -628,12 +630,12 @@ def matters(known: Intervals, k: int, limits: SumLimits) -> bool:
 
 
 @njit
-def with_knots(cells: Cells, stretch: Stretch, known: Intervals, limits: SumLimits) -> Cells:
+def with_knots(cells: Cells, stretch: Stretch, intervals: Intervals, limits: SumLimits) -> Cells:
     """Return the cells with cuts where q'' or q''' jumps; cuts near to these are left out.
 
     Only arc length, speed and acceleration at the cuts are set.
     """
-    end, s, rows = known.end, cells.s, stretch.rows
+    end, s, rows = intervals.end, cells.s, stretch.rows
     n = len(cells.length)
     first = np.searchsorted(end, s[0] + NEAR_END)
     last = np.searchsorted(end, s[n] - NEAR_END)
@@ -645,7 +647,7 @@ def with_knots(cells: Cells, stretch: Stretch, known: Intervals, limits: SumLimi
     r = stretch.first
     for m in range(1, n + 1):
         while k < last and end[k] < s[m] + NEAR_KNOT * (s[m] - s[m - 1]):
-            if k + 1 < len(end) and matters(known, k, limits):
+            if k + 1 < len(end) and matters(intervals, k, limits):
                 while r + 1 < stretch.last and rows[r + 1]["s"] <= end[k]:
                     r += 1
                 row = rows[r]
@@ -671,19 +673,19 @@ def with_knots(cells: Cells, stretch: Stretch, known: Intervals, limits: SumLimi
 
 
 @njit
-def plan_cells(stretch: Stretch, known: Intervals, limits: SumLimits) -> Cells:
+def plan_cells(stretch: Stretch, intervals: Intervals, limits: SumLimits) -> Cells:
     """Return the cells of a stretch of the plan, with the plan's motion and nothing else set."""
     columns = len(limits.a)
-    number = place_cuts(stretch, known, limits, empty_cells(0, columns), False)
+    number = place_cuts(stretch, intervals, limits, empty_cells(0, columns), False)
     cells = empty_cells(number, columns)
-    place_cuts(stretch, known, limits, cells, True)
+    place_cuts(stretch, intervals, limits, cells, True)
     cells.s[number], cells.v[number], cells.a[number] = stretch.end_s, stretch.end_v, 0.0
-    return with_phases(with_knots(cells, stretch, known, limits), stretch, known, limits)
+    return with_phases(with_knots(cells, stretch, intervals, limits), stretch, intervals, limits)
 
 
 @njit
 def far_beyond(
-    cells: Cells, m: int, x: Floats, place: int, known: Intervals, limits: SumLimits
+    cells: Cells, m: int, x: Floats, place: int, intervals: Intervals, limits: SumLimits
 ) -> bool:
     """Return whether cell ``m`` exceeds a limit by far.
 
@@ -692,23 +694,32 @@ def far_beyond(
         m: the cell.
         x: (5,): the motion of the cell, of :func:`cell_phases`.
         place: an interval near its start.
-        known: the intervals of the path.
+        intervals: the intervals of the path.
         limits: for the sums.
     """
     scratch = np.empty((SCRATCH, len(limits.a)))
     s, v, a = cells.s[m], cells.v[m], cells.a[m]
     half = phase_at(x[H], s, v, a, x[J1])[0]
-    worst, _, place = largest_shares(x[H], s, v, a, x[J1], half, place, known, limits, scratch)
+    worst, _, place = largest_shares(x[H], s, v, a, x[J1], half, place, intervals, limits, scratch)
     if worst > FAR:
         return True
     worst, _, _ = largest_shares(
-        x[H], half, x[V_MIDDLE], x[A_MIDDLE], x[J2], cells.s[m + 1], place, known, limits, scratch
+        x[H],
+        half,
+        x[V_MIDDLE],
+        x[A_MIDDLE],
+        x[J2],
+        cells.s[m + 1],
+        place,
+        intervals,
+        limits,
+        scratch,
     )
     return bool(worst > FAR)
 
 
 @njit
-def with_phases(cells: Cells, stretch: Stretch, known: Intervals, limits: SumLimits) -> Cells:
+def with_phases(cells: Cells, stretch: Stretch, intervals: Intervals, limits: SumLimits) -> Cells:
     """Return the cells, cut at the ends of the plan's phases where they differ too much from it.
 
     A cell within one phase has the motion of that phase. Through another, there may be no motion,
@@ -721,7 +732,7 @@ def with_phases(cells: Cells, stretch: Stretch, known: Intervals, limits: SumLim
     out = empty_cells(n + stretch.last - stretch.first, cells.q.shape[3])
     count = 0
     r = stretch.first
-    place = interval_at(cells.s[0], np.searchsorted(known.end, cells.s[0]), known.end)
+    place = interval_at(cells.s[0], np.searchsorted(intervals.end, cells.s[0]), intervals.end)
     for m in range(n):
         out.s[count], out.v[count], out.a[count] = cells.s[m], cells.v[m], cells.a[m]
         count += 1
@@ -731,8 +742,8 @@ def with_phases(cells: Cells, stretch: Stretch, known: Intervals, limits: SumLim
             continue
         v, a = cells.v, cells.a
         if cell_phases(v[m], a[m], v[m + 1], a[m + 1], cells.length[m], x, slope):
-            place = interval_at(cells.s[m], place, known.end)
-            if not far_beyond(cells, m, x, place, known, limits):
+            place = interval_at(cells.s[m], place, intervals.end)
+            if not far_beyond(cells, m, x, place, intervals, limits):
                 continue
         while r < stretch.last and rows[r]["s"] < cells.s[m + 1] - NEAR_END:
             if rows[r]["s"] > out.s[count - 1] + NEAR_END:

@@ -63,14 +63,14 @@ class Chain(NamedTuple):
         last: piece before the last corner.
         begin: time at which the motion there may begin, s.
         end: time at which it ends, s.
-        known: whether no later plan can change this.
+        final: whether no later plan can change this.
     """
 
     first: int
     last: int
     begin: float
     end: float
-    known: bool
+    final: bool
 
 
 @njit
@@ -235,12 +235,12 @@ def chain_from(
         whole = e - b + 1 >= most or t - begin - brief > most_time
         if whole or following < 0:
             # The next corner is too late to count, or it is none.
-            known = whole or passed or not leaves_path(path, e + 1)
-            known = known or now - t > reach2 + _longest_reach(path, e + 1, bound, limits)
+            final = whole or passed or not leaves_path(path, e + 1)
+            final = final or now - t > reach2 + _longest_reach(path, e + 1, bound, limits)
             break
         reach1, further = reach_of(path, e + 1, bound, limits, u)
         if reach1 == 0.0 or plan.t[following] - t >= reach1 + reach2:
-            known = True
+            final = True
             break
         if path.length[e + 1] < BRIEF * path.tolerance[e]:
             brief += plan.t[following] - t
@@ -251,7 +251,7 @@ def chain_from(
     reached = plan.s[-1] >= half_s
     if reached:
         end = min(end, time_of(half_s, plan))
-    return Chain(b, e, begin, end, known and (reached or end <= now))
+    return Chain(b, e, begin, end, final and (reached or end <= now))
 
 
 @njit
@@ -297,7 +297,7 @@ def first_undecided(
     while b < last:
         if passes_corner(path, plan, b, bound, limits):
             chain = chain_from(path, plan, b, shared, bound, limits, MOST_CORNERS)
-            if not chain.known:
+            if not chain.final:
                 time = min(time, chain.begin - SPARE * (chain.end - chain.begin))
                 break
             b = chain.last

@@ -23,7 +23,6 @@ import numpy as np
 from cnc.compiled.jit import njit
 from cnc.path.kernels.curve import LENGTH, START, Floats
 from cnc.planner.kernels.arrays import LimitArrays, PathArrays, PlanArrays
-from cnc.planner.kernels.corner_known import Known
 from cnc.planner.kernels.corner_legs import LEG_STEPS, MOST_DIRECTIONS, MOST_STEPS
 from cnc.planner.kernels.corner_pieces import (
     EARLIER,
@@ -47,7 +46,13 @@ from cnc.planner.kernels.corner_places import (
     state_at,
 )
 from cnc.planner.kernels.corner_rows import Rows, new_rows
-from cnc.planner.kernels.corner_search import Motion, find_motion, goes_on, times_of_motion
+from cnc.planner.kernels.corner_search import (
+    Motion,
+    Solutions,
+    find_motion,
+    goes_on,
+    times_of_motion,
+)
 from cnc.planner.kernels.legs import write_line
 
 CORNER_STEPS = 2 * LEG_STEPS
@@ -77,7 +82,7 @@ def _motion_from(
     bound: Floats,
     limits: LimitArrays,
     travel: Floats,
-    known: Known,
+    solutions: Solutions,
     rows: Rows,
 ) -> tuple[Chain, Motion]:
     """Return the chain that begins behind piece ``b``, and the motion past it.
@@ -91,7 +96,7 @@ def _motion_from(
         if chain.last > b and not goes_on(times, plan, limits)[1]:
             most = chain.last - b
             continue
-        return chain, find_motion(path, plan, chain, times, bound, limits, travel, known, rows)
+        return chain, find_motion(path, plan, chain, times, bound, limits, travel, solutions, rows)
 
 
 @njit
@@ -118,7 +123,7 @@ def pass_corners(
     bound: Floats,
     limits: LimitArrays,
     travel: Floats,
-    known: Known,
+    solutions: Solutions,
     out: PathArrays,
     out_plan: PlanArrays,
     chains: PassedChains,
@@ -132,7 +137,7 @@ def pass_corners(
         bound: (pieces,): largest feeds, mm/s.
         limits: of the machine.
         travel: (2, axes): lowest and highest positions, mm.
-        known: the motions that were found before.
+        solutions: of earlier searches.
         out: space for the new path: CORNER_STEPS + 1 more pieces for each corner. The data needs
             the size of all records, and :func:`corner_size` for each corner and one more.
         out_plan: space for its phases: CORNER_STEPS + 1 more for each corner.
@@ -158,7 +163,9 @@ def pass_corners(
         at = path.pieces.at[b] - lowest
         after = 0.0
         if passes_corner(path, plan, b, bound, limits):
-            chain, motion = _motion_from(path, plan, b, shared, bound, limits, travel, known, rows)
+            chain, motion = _motion_from(
+                path, plan, b, shared, bound, limits, travel, solutions, rows
+            )
             if motion.saved > 0.0:
                 after = motion.before
         out.pieces.kind[count] = path.pieces.kind[b]

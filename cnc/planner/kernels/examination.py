@@ -32,16 +32,14 @@ from cnc.planner.kernels.cells import (
     empty_cells,
     place_rest,
 )
-from cnc.planner.kernels.descent import merit
+from cnc.planner.kernels.descent import HIGH, merit, system_for
 from cnc.planner.kernels.intervals import (
-    HIGH,
     SCRATCH,
     TOUCH,
     Intervals,
     SumLimits,
     interval_at,
     largest_shares,
-    system_for,
 )
 from cnc.planner.kernels.scurve import phase_time
 
@@ -84,13 +82,13 @@ class Shares(NamedTuple):
 
 
 @njit
-def examine(cells: Cells, known: Intervals, limits: SumLimits, shares: Shares) -> float:
+def examine(cells: Cells, intervals: Intervals, limits: SumLimits, shares: Shares) -> float:
     """Compute the shares of all cells; return the largest."""
     s, v, a = cells.s, cells.v, cells.a
     x = np.empty(5)
     dx = np.empty((5, 4))
     scratch = np.empty((SCRATCH, cells.q.shape[3]))
-    k = interval_at(s[0], np.searchsorted(known.end, s[0]), known.end)
+    k = interval_at(s[0], np.searchsorted(intervals.end, s[0]), intervals.end)
     largest = 0.0
     place_rest(cells)
     for m in range(len(cells.length)):
@@ -100,10 +98,10 @@ def examine(cells: Cells, known: Intervals, limits: SumLimits, shares: Shares) -
         h = x[H]
         half = phase_at(h, s[m], v[m], a[m], x[J1])[0]
         shares.sums[m], shares.speed[m], k = largest_shares(
-            h, s[m], v[m], a[m], x[J1], half, k, known, limits, scratch
+            h, s[m], v[m], a[m], x[J1], half, k, intervals, limits, scratch
         )
         sums, speed, k = largest_shares(
-            h, half, x[V_MIDDLE], x[A_MIDDLE], x[J2], s[m + 1], k, known, limits, scratch
+            h, half, x[V_MIDDLE], x[A_MIDDLE], x[J2], s[m + 1], k, intervals, limits, scratch
         )
         shares.sums[m] = max(shares.sums[m], sums)
         shares.speed[m] = max(shares.speed[m], speed)
@@ -112,19 +110,19 @@ def examine(cells: Cells, known: Intervals, limits: SumLimits, shares: Shares) -
 
 
 @njit
-def crossing(cells: Cells, m: int, known: Intervals, at: Floats) -> bool:
+def crossing(cells: Cells, m: int, intervals: Intervals, at: Floats) -> bool:
     """Find the end of an interval inside cell ``m`` at which it exceeds a speed bound the most.
 
     Args:
         cells: the cells.
         m: the cell.
-        known: the intervals of the path.
+        intervals: the intervals of the path.
         at: (3,): receives arc length, speed and acceleration there.
 
     Returns:
         Whether there is an end of an interval in the cell.
     """
-    end, top = known.end, known.top
+    end, top = intervals.end, intervals.top
     s0, v0, a0, s1 = cells.s[m], cells.v[m], cells.a[m], cells.s[m + 1]
     x = np.empty(5)
     dx = np.empty((5, 4))
@@ -161,16 +159,16 @@ def halfway(cells: Cells, m: int, at: Floats) -> bool:
 
 @njit
 def tighten(
-    cells: Cells, known: Intervals, limits: SumLimits, shares: Shares, found: Cells, at: Floats
+    cells: Cells, intervals: Intervals, limits: SumLimits, shares: Shares, tried: Cells, at: Floats
 ) -> int:
     """Find cuts of the cells that exceed a limit between their points, or allow them less.
 
     Args:
         cells: the cells with the motion that is to be kept; their shares change.
-        known: the intervals of the path.
+        intervals: the intervals of the path.
         limits: for the sums.
         shares: of the motion that exceeds limits.
-        found: the cells with that motion.
+        tried: the cells with that motion.
         at: (n, 2, 3): receives arc length, speed and acceleration at up to two cuts of each cell;
             NaN where there is none.
 
@@ -186,14 +184,14 @@ def tighten(
         largest = max(sums, speed)
         if not (largest > 1.0 + TOUCH) or largest == math.inf:
             continue
-        _, held, _ = merit(m, m + 1, found, limits, 0.0, False, system)
+        _, held, _ = merit(m, m + 1, tried, limits, 0.0, False, system)
         held = max(held * cells.share[m], TIGHT)
         wanted = largest > UNHELD * held and cells.s[m + 1] - cells.s[m] > SHORTEST
         if sums > 1.0 + TOUCH and not wanted:
             cells.share[m] = max(cells.share[m] * (1.0 - 2.0 * TOUCH) / sums, LEAST_SHARE)
         if speed > 1.0 + TOUCH:
             again = cells.pace[m] < LOWERED
-            if (speed > CLEARLY or again) and crossing(cells, m, known, at[m, 0]):
+            if (speed > CLEARLY or again) and crossing(cells, m, intervals, at[m, 0]):
                 # Between these cuts the motion has one phase each, so it stays the same.
                 cuts += 1
                 if halfway(cells, m, at[m, 1]) and abs(at[m, 1, 0] - at[m, 0, 0]) > APART:
@@ -221,7 +219,7 @@ def tighten(
 
 
 @njit
-def with_cuts(cells: Cells, at: Floats, cuts: int, known: Intervals) -> Cells:
+def with_cuts(cells: Cells, at: Floats, cuts: int, intervals: Intervals) -> Cells:
     """Return the cells with ``cuts`` further cuts, those of :func:`tighten`."""
     n = len(cells.length)
     out = empty_cells(n + cuts, cells.q.shape[3], cells.rest_before)
@@ -236,12 +234,12 @@ def with_cuts(cells: Cells, at: Floats, cuts: int, known: Intervals) -> Cells:
                 out.share[count], out.pace[count] = cells.share[m], cells.pace[m]
                 count += 1
     out.s[count], out.v[count], out.a[count] = cells.s[n], cells.v[n], cells.a[n]
-    describe(out, known)
+    describe(out, intervals)
     return out
 
 
 @njit
-def without_cut(cells: Cells, cut: int, known: Intervals) -> Cells:
+def without_cut(cells: Cells, cut: int, intervals: Intervals) -> Cells:
     """Return the cells without the cut ``cut``, which is not an end."""
     n = len(cells.length)
     out = empty_cells(n - 1, cells.q.shape[3], cells.rest_before)
@@ -253,12 +251,12 @@ def without_cut(cells: Cells, cut: int, known: Intervals) -> Cells:
             to = min(to, n - 2)
             out.share[to] = min(cells.share[m], out.share[to])
             out.pace[to] = min(cells.pace[m], out.pace[to])
-    describe(out, known)
+    describe(out, intervals)
     return out
 
 
 @njit
-def passable(cells: Cells, known: Intervals) -> Cells:
+def passable(cells: Cells, intervals: Intervals) -> Cells:
     """Return cells through each of which a motion leads.
 
     The acceleration beside a rest is changed so that one phase of constant jerk leads there; else a
@@ -284,7 +282,7 @@ def passable(cells: Cells, known: Intervals) -> Cells:
         elif n <= 1:
             return cells
         else:
-            cells = without_cut(cells, max(m, 1), known)
+            cells = without_cut(cells, max(m, 1), intervals)
             changed = -1
             m = max(m - 2, 0)
     return cells

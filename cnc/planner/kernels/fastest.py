@@ -40,9 +40,9 @@ from cnc.planner.kernels.cells import (
     duration_of,
     with_motion,
 )
-from cnc.planner.kernels.descent import centre, merit
+from cnc.planner.kernels.descent import HIGH, NEAR, centre, merit, system_for
 from cnc.planner.kernels.examination import Shares, examine, passable, tighten, with_cuts
-from cnc.planner.kernels.intervals import HIGH, NEAR, TOUCH, Intervals, SumLimits, system_for
+from cnc.planner.kernels.intervals import TOUCH, Intervals, SumLimits
 from cnc.planner.kernels.scurve import phase_time
 
 Floats = NDArray[np.float64]
@@ -137,12 +137,12 @@ def slow_until(cells: Cells, limits: SumLimits, share: float) -> float:
 
 
 @njit
-def slowed_to_legal(cells: Cells, known: Intervals, limits: SumLimits) -> bool:
+def slowed_to_legal(cells: Cells, intervals: Intervals, limits: SumLimits) -> bool:
     """Slow the clock until the motion is legal between the points too; return whether it is."""
     n = len(cells.length)
     shares = Shares(np.empty(n), np.empty(n))
     for _ in range(2 * SLOWINGS):
-        used = examine(cells, known, limits, shares)
+        used = examine(cells, intervals, limits, shares)
         if used <= 1.0 + TOUCH:
             return True
         slow_clock(cells, min(used ** (-1.0 / 3.0), 0.9999) if used < math.inf else 0.8)
@@ -150,12 +150,12 @@ def slowed_to_legal(cells: Cells, known: Intervals, limits: SumLimits) -> bool:
 
 
 @njit
-def moved_to(cells: Cells, known: Cells) -> bool:
+def moved_to(cells: Cells, motion: Cells) -> bool:
     """Give the cells the motion of others over the same path.
 
     Args:
         cells: their speeds and accelerations change, except at both ends.
-        known: cells with a motion, which may be cut elsewhere.
+        motion: cells with a motion, which may be cut elsewhere.
 
     Returns:
         Whether that motion leads through each of the others. It is changed a little by cuts that
@@ -163,13 +163,13 @@ def moved_to(cells: Cells, known: Cells) -> bool:
     """
     x = np.empty(5)
     dx = np.empty((5, 4))
-    s, v, a = known.s, known.v, known.a
+    s, v, a = motion.s, motion.v, motion.a
     m = 0
     for k in range(1, len(cells.length)):
         place = cells.s[k]
-        while m + 1 < len(known.length) and s[m + 1] <= place:
+        while m + 1 < len(motion.length) and s[m + 1] <= place:
             m += 1
-        if not cell_phases(v[m], a[m], v[m + 1], a[m + 1], known.length[m], x, dx):
+        if not cell_phases(v[m], a[m], v[m + 1], a[m + 1], motion.length[m], x, dx):
             return False
         start, speed, accel, jerk = s[m], v[m], a[m], x[J1]
         half = phase_at(x[H], start, speed, accel, jerk)[0]
@@ -218,36 +218,36 @@ def begun_with(motion: Cells, cells: Cells, limits: SumLimits) -> tuple[bool, Ce
 
 @njit
 def after_violation(
-    cells: Cells, found: Cells, shares: Shares, known: Intervals, limits: SumLimits
+    cells: Cells, tried: Cells, shares: Shares, intervals: Intervals, limits: SumLimits
 ) -> Cells:
     """Cut the cells that exceed a limit between their points, or allow them less.
 
     Args:
         cells: the cells with the motion that was kept last; it changes.
-        found: the same cells with the motion that exceeds limits.
+        tried: the same cells with the motion that exceeds limits.
         shares: of that motion.
-        known: the intervals of the path.
+        intervals: the intervals of the path.
         limits: for the sums.
 
     Returns:
         The cells, with the motion that was kept.
     """
     at = np.empty((len(cells.length), 2, 3))
-    cuts = tighten(cells, known, limits, shares, found, at)
+    cuts = tighten(cells, intervals, limits, shares, tried, at)
     if cuts > 0:
-        cells = passable(with_cuts(cells, at, cuts, known), known)
+        cells = passable(with_cuts(cells, at, cuts, intervals), intervals)
     else:
-        describe(cells, known)
+        describe(cells, intervals)
     return cells
 
 
 @njit
-def fastest(cells: Cells, known: Intervals, limits: SumLimits) -> tuple[bool, Cells]:
+def fastest(cells: Cells, intervals: Intervals, limits: SumLimits) -> tuple[bool, Cells]:
     """Bring the motion through the cells near to the least time.
 
     Args:
         cells: the cells with any motion; it changes.
-        known: the intervals of the path.
+        intervals: the intervals of the path.
         limits: for the sums.
 
     Returns:
@@ -264,19 +264,19 @@ def fastest(cells: Cells, known: Intervals, limits: SumLimits) -> tuple[bool, Ce
         cells.q,
         cells.rest_before,
     )
-    solved, found = search(cells, known, limits, WEIGHT_STEP)
+    solved, solution = search(cells, intervals, limits, WEIGHT_STEP)
     if not solved:
-        describe(again, known)
-        solved, found = search(again, known, limits, SMALL_STEP)
-    return solved, found
+        describe(again, intervals)
+        solved, solution = search(again, intervals, limits, SMALL_STEP)
+    return solved, solution
 
 
 @njit
 def search(
-    cells: Cells, known: Intervals, limits: SumLimits, weight_step: float
+    cells: Cells, intervals: Intervals, limits: SumLimits, weight_step: float
 ) -> tuple[bool, Cells]:
     """Search as :func:`fastest` does, with one factor from a weight of the time to the next."""
-    cells = passable(cells, known)
+    cells = passable(cells, intervals)
     moving = cells.v[0] > 0.0 or cells.v[-1] > 0.0
     if not moving:
         slow_clock(cells, START)
@@ -297,7 +297,7 @@ def search(
         used = 0.0
         examined = weight == LAST_WEIGHT or (tries >= DOUBTFUL and weight >= CHECKED_WEIGHT)
         if examined:
-            used = examine(cells, known, limits, shares)
+            used = examine(cells, intervals, limits, shares)
         if legal:
             most = TRIES
         if legal and used <= 1.0 + TOUCH:
@@ -322,7 +322,7 @@ def search(
                     slow_clock(cells, SLOWER)
                 copy_motion(cells.v, cells.a, kept.v, kept.a)
             continue
-        cells = after_violation(kept, cells, shares, known, limits)
+        cells = after_violation(kept, cells, shares, intervals, limits)
         weight = max(weight / weight_step, lowest)
         inside, begun = begun_with(middle, cells, limits)
         if inside and middle_weight > 0.0:
@@ -336,7 +336,7 @@ def search(
             shares = Shares(np.empty(n), np.empty(n))
         kept = with_motion(cells, cells.v.copy(), cells.a.copy())
         reached = 0.0
-    slower = good_weight < LAST_WEIGHT and not moving and slowed_to_legal(kept, known, limits)
+    slower = good_weight < LAST_WEIGHT and not moving and slowed_to_legal(kept, intervals, limits)
     if slower and (good_weight == 0.0 or duration_of(kept) < duration_of(good)):
         return True, kept
     return good_weight > 0.0, good

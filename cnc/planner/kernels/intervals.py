@@ -19,6 +19,9 @@ LEVELS = 7
 SAMPLES = 5
 """Points at which the path is sampled in an interval, evenly spaced, its ends included."""
 
+TOUCH = 1e-4
+"""Relative: a motion may exceed a limit by this."""
+
 PARTS = 8
 """A phase is examined at the ends of this many equal parts."""
 
@@ -84,19 +87,19 @@ def interval_at(s: float, start: int, end: Floats) -> int:
 
 
 @njit
-def derivatives(k: int, s: float, known: Intervals, out: Floats) -> None:
+def derivatives(k: int, s: float, intervals: Intervals, out: Floats) -> None:
     """Write q', q'', q''' at ``s`` in interval ``k`` to ``out`` (3, axes + 1).
 
     They follow the quartic through the five samples. The last column is for the path itself. All
     are divided by the share of the limits that the interval allows, so that they compare with the
     whole limits.
     """
-    sampled, samples = known.sampled, known.samples
+    sampled, samples = intervals.sampled, intervals.samples
     axes = samples.shape[3]
     extent = sampled[k, 1] - sampled[k, 0]
     x = min(max((s - sampled[k, 0]) / extent, 0.0), 1.0) if extent > 0.0 else 0.0
     x *= 4.0
-    unit = 1.0 / known.share[k]
+    unit = 1.0 / intervals.share[k]
     w0 = unit * (x - 1.0) * (x - 2.0) * (x - 3.0) * (x - 4.0) / 24.0
     w1 = -unit * x * (x - 2.0) * (x - 3.0) * (x - 4.0) / 6.0
     w2 = unit * x * (x - 1.0) * (x - 3.0) * (x - 4.0) / 4.0
@@ -135,7 +138,7 @@ def largest_shares(
     j: float,
     s_end: float,
     k: int,
-    known: Intervals,
+    intervals: Intervals,
     limits: SumLimits,
     q: Floats,
 ) -> tuple[float, float, int]:
@@ -153,7 +156,7 @@ def largest_shares(
         j: its jerk.
         s_end: arc length at its end, mm.
         k: an interval near its start.
-        known: the intervals of the path.
+        intervals: the intervals of the path.
         limits: for the sums.
         q: (SCRATCH, axes + 1): scratch.
 
@@ -161,7 +164,7 @@ def largest_shares(
         The share of the limits of acceleration and jerk, that of the speed bounds, and the interval
         in which the phase ends.
     """
-    end, top = known.end, known.top
+    end, top = intervals.end, intervals.top
     per_a, per_j = limits.per_a, limits.per_j
     worst = 0.0
     fastest = 0.0
@@ -207,7 +210,7 @@ def largest_shares(
                     break
                 k += 1
             fastest = max(fastest, speed / top[k])
-            derivatives(k, here, known, q)
+            derivatives(k, here, intervals, q)
             for i in range(q.shape[1]):
                 taken = (q[0, i] * accel + q[1, i] * speed * speed) * per_a[i]
                 sudden = (
@@ -221,107 +224,3 @@ def largest_shares(
                     q[3, i], q[4, i] = q[4, i], taken
                     q[5, i], q[6, i] = q[6, i], sudden
     return worst, fastest, k
-
-
-# The linear system of a step of the descent, and limits that are raised for a while.
-#
-# Where the first motion is at or beyond a limit, the descent raises the limits, and lowers them
-# again as the motion leaves them. A motion between fixed ends has those of the cells raised that
-# need it. For a ramp to rest those of all cells are raised by the same share: else what one cell
-# uses too much would be pushed into another one.
-
-NEAR, NEAREST = 0.99999, 1.0 - 1e-9
-"""Limits are raised if the first motion uses more than the first share of one; more than the second
-one where the limits of all cells are raised.
-"""
-
-LIFT, LEAST_LIFT = 0.003, 1e-5
-"""Limits are raised by the first share at least; by the second one where those of all cells are."""
-
-HIGH = 1e6
-"""Limits raised by this share do not bind."""
-
-TOUCH = 1e-4
-"""Relative: a motion may exceed a limit by this."""
-
-
-class NewtonSystem(NamedTuple):
-    """The linear system of a Newton step over n cells.
-
-    Attributes:
-        diagonal: (n + 1, 2, 2): blocks of the Hessian, of which the upper halves count.
-        upper: (n + 1, 2, 2): the blocks beside the diagonal.
-        gradient: (n + 1, 2).
-        step: (n + 1, 2): the solution.
-        lift: (n,): share by which the limits of each cell are raised.
-        used: (n,): the largest constraint of each cell, as a share of the limit not raised.
-    """
-
-    diagonal: Floats
-    upper: Floats
-    gradient: Floats
-    step: Floats
-    lift: Floats
-    used: Floats
-
-
-@njit
-def system_for(n: int, lift: float) -> NewtonSystem:
-    """Return a system for ``n`` cells whose limits are all raised by ``lift``."""
-    return NewtonSystem(
-        np.zeros((n + 1, 2, 2)),
-        np.zeros((n + 1, 2, 2)),
-        np.zeros((n + 1, 2)),
-        np.zeros((n + 1, 2)),
-        np.full(n, lift),
-        np.zeros(n),
-    )
-
-
-@njit
-def start_lifts(first: int, last: int, even: bool, system: NewtonSystem) -> bool:
-    """Raise the limits of the cells that are at or beyond them; return whether there are any.
-
-    ``even``: raise those of all cells, by as much as the one that is farthest beyond needs.
-    """
-    highest = 0.0
-    for k in range(first, last):
-        system.lift[k] = 0.0
-        if system.used[k] >= (NEAREST if even else NEAR):
-            least = LEAST_LIFT if even else LIFT
-            system.lift[k] = 1.5 * max(system.used[k] - 1.0, 0.0) + least
-            highest = max(highest, system.lift[k])
-    if even:
-        system.lift[first:last] = highest
-    return highest > 0.0
-
-
-@njit
-def lower_even_lifts(first: int, last: int, part: float, system: NewtonSystem) -> bool:
-    """Lower the limits of all cells as :func:`lower_lifts` does those of each."""
-    lift = system.lift[first]
-    worst = 0.0
-    for k in range(first, last):
-        worst = max(worst, system.used[k])
-    if worst < NEAREST:
-        lift = 0.0
-    elif part > 0.4:
-        lift -= 0.5 * (1.0 + lift - worst)
-    system.lift[first:last] = lift
-    return lift > 0.0
-
-
-@njit
-def lower_lifts(first: int, last: int, part: float, system: NewtonSystem) -> bool:
-    """Lower the raised limits after a step of length ``part``; return whether some stay raised."""
-    lifted = False
-    for k in range(first, last):
-        lift = system.lift[k]
-        if lift > 0.0:
-            if system.used[k] < NEAR:
-                system.lift[k] = 0.0
-            else:
-                lifted = True
-                if part > 0.4:
-                    system.lift[k] -= 0.5 * (1.0 + lift - system.used[k])
-    return lifted

@@ -46,6 +46,9 @@ from cnc.planner.kernels.scurve import (
     write_profile,
 )
 
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
 # Profiles over a span of intervals: the fastest one, its violations, and the best cut.
 
 WORTHWHILE = 0.005
@@ -83,12 +86,12 @@ def level_of(ratio: float, levels: int) -> int:
 
 
 @njit
-def span_bounds(known: Intervals, first: int, last: int, v: float) -> tuple[float, float]:
+def span_bounds(intervals: Intervals, first: int, last: int, v: float) -> tuple[float, float]:
     """Return the least acceleration and jerk bounds over the intervals [first, last).
 
     They hold for motion no faster than ``v``.
     """
-    speed, accel, jerk = known.speed, known.accel, known.jerk
+    speed, accel, jerk = intervals.speed, intervals.accel, intervals.jerk
     levels = accel.shape[1]
     least_a = math.inf
     least_j = math.inf
@@ -110,7 +113,7 @@ def profile_time(v0: float, v1: float, distance: float, peak: float, a: float, j
 
 @njit
 def best_profile(
-    known: Intervals, first: int, last: int, v0: float, v1: float, distance: float, top: float
+    intervals: Intervals, first: int, last: int, v0: float, v1: float, distance: float, top: float
 ) -> Profile:
     """Return the fastest profile over the intervals [first, last) for some choice of its peak.
 
@@ -118,7 +121,7 @@ def best_profile(
     A lower peak may leave more of an axis to the acceleration, but it has a lower jerk bound.
 
     Args:
-        known: the intervals.
+        intervals: the intervals.
         first: the first of them in the range.
         last: the one behind the range.
         v0: speed at the start, mm/s.
@@ -128,12 +131,12 @@ def best_profile(
     """
     least = max(v0, v1)
     best = Profile(least, 0.0, 0.0, math.inf)
-    tight_a, tight_j = span_bounds(known, first, last, math.inf)
-    for m in range(-1, known.accel.shape[1]):
+    tight_a, tight_j = span_bounds(intervals, first, last, math.inf)
+    for m in range(-1, intervals.accel.shape[1]):
         cap = max(least, top * (1.0 - 0.1 * max(m, 0)))
         a, j = tight_a, tight_j
         if m >= 0:
-            a, j = span_bounds(known, first, last, cap)
+            a, j = span_bounds(intervals, first, last, cap)
             if a == tight_a and j == tight_j:
                 continue
         if ramp_distance(v0, v1, a, j) <= distance * (1.0 + SLACK):
@@ -148,7 +151,7 @@ def best_profile(
 
 @njit
 def best_cut(
-    bound_s: Floats, known: Intervals, first: int, last: int, v0: float, v1: float, time: float
+    bound_s: Floats, intervals: Intervals, first: int, last: int, v0: float, v1: float, time: float
 ) -> tuple[int, float]:
     """Return the best bound at which to cut a span of uneven bounds in two, and the speed there.
 
@@ -157,15 +160,15 @@ def best_cut(
 
     Args:
         bound_s: (n + 1,): arc lengths at the ends of the intervals, mm.
-        known: the n intervals.
+        intervals: the n intervals.
         first: the first interval of the span.
         last: the interval behind it.
         v0: speed at its start, mm/s.
         v1: speed at its end.
         time: its duration without a cut, s.
     """
-    speed = known.speed
-    found = -1
+    speed = intervals.speed
+    best_at = -1
     speed_there = 0.0
     best = time * (1.0 - WORTHWHILE)
     step = 1
@@ -173,8 +176,8 @@ def best_cut(
         for side in range(2):
             at = first + step if side == 0 else last - step
             limit = min(speed[at - 1], speed[at])
-            a0, j0 = span_bounds(known, first, at, math.inf)
-            a1, j1 = span_bounds(known, at, last, math.inf)
+            a0, j0 = span_bounds(intervals, first, at, math.inf)
+            a1, j1 = span_bounds(intervals, at, last, math.inf)
             d0 = bound_s[at] - bound_s[first]
             d1 = bound_s[last] - bound_s[at]
             v = min(limit, reachable_speed(v0, d0, a0, j0), reachable_speed(v1, d1, a1, j1))
@@ -184,14 +187,14 @@ def best_cut(
                 continue
             top0 = max(v0, v, speed[first:at].max())
             top1 = max(v, v1, speed[at:last].max())
-            before = best_profile(known, first, at, v0, v, d0, top0)
-            after = best_profile(known, at, last, v, v1, d1, top1)
+            before = best_profile(intervals, first, at, v0, v, d0, top0)
+            after = best_profile(intervals, at, last, v, v1, d1, top1)
             if before.time + after.time < best:
                 best = before.time + after.time
-                found = at
+                best_at = at
                 speed_there = v
         step *= 2
-    return found, speed_there
+    return best_at, speed_there
 
 
 @njit
@@ -205,7 +208,7 @@ def lowest_violation(
     peak, a, j = profile.peak, profile.accel, profile.jerk
     start = bound_s[first]
     end = bound_s[last]
-    found = -1
+    violated = -1
     lowest = peak * (1.0 - SLACK)
     for k in range(first, last):
         v = speed[k]
@@ -216,13 +219,10 @@ def lowest_violation(
         fall = end if v1 >= v else end - ramp_distance_to_speed(v1, peak, a, j, v)
         tolerance = SLACK * (end - start) + 1e-15 * abs(end)
         if min(fall, bound_s[k + 1]) - max(rise, bound_s[k]) > tolerance:
-            found = k
+            violated = k
             lowest = v
-    return found
+    return violated
 
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 PLANNED = 0
 START_TOO_FAST = 1
@@ -304,9 +304,9 @@ def push(chain: Chain, pending: int, i: int) -> int:
 
 
 @njit
-def forced_nodes(known: Intervals, v_start: float) -> tuple[Chain, int]:
+def forced_nodes(intervals: Intervals, v_start: float) -> tuple[Chain, int]:
     """Return a chain of the start, the forced nodes and the end, and the number of its nodes."""
-    n = len(known.speed)
+    n = len(intervals.speed)
     space = 2 * n + 4
     chain = Chain(
         np.zeros(space, np.int64),
@@ -327,11 +327,11 @@ def forced_nodes(known: Intervals, v_start: float) -> tuple[Chain, int]:
     chain.kind[0] = FIXED
     chain.v[0] = v_start
     for k in range(n):
-        if known.flat[k]:
+        if intervals.flat[k]:
             chain.first[count] = k
             chain.last[count] = k + 1
             chain.kind[count] = FORCED
-            chain.v[count] = known.speed[k]
+            chain.v[count] = intervals.speed[k]
             count += 1
     chain.first[count] = n
     chain.last[count] = n
@@ -353,7 +353,7 @@ def lower(chain: Chain, pending: int, i: int, v: float) -> int:
 
 @njit
 def node_at(
-    bound_s: Floats, known: Intervals, chain: Chain, i: int, worst: int
+    bound_s: Floats, intervals: Intervals, chain: Chain, i: int, worst: int
 ) -> tuple[int, int, float]:
     """Return the node at the bound of interval ``worst``, which the span behind ``i`` exceeds.
 
@@ -361,7 +361,7 @@ def node_at(
         The bounds at which it begins and ends, and its speed; (-1, -1, bound) if the whole span
         has the bound.
     """
-    speed = known.speed
+    speed = intervals.speed
     k = chain.following[i]
     first = chain.last[i]
     last = chain.first[k]
@@ -378,9 +378,9 @@ def node_at(
         return -1, -1, bound
     new_first = left if higher_left else right
     new_last = right if higher_right else left
-    a, j = span_bounds(known, first, new_first, math.inf)
+    a, j = span_bounds(intervals, first, new_first, math.inf)
     v = min(bound, reachable_speed(chain.v[i], bound_s[new_first] - bound_s[first], a, j))
-    a, j = span_bounds(known, new_last, last, math.inf)
+    a, j = span_bounds(intervals, new_last, last, math.inf)
     v = min(v, reachable_speed(chain.v[k], bound_s[last] - bound_s[new_last], a, j))
     return new_first, new_last, v
 
@@ -404,7 +404,7 @@ def insert(chain: Chain, free: int, i: int, first: int, last: int, v: float, kin
 @njit
 def retreat(
     bound_s: Floats,
-    known: Intervals,
+    intervals: Intervals,
     chain: Chain,
     pending: int,
     free: int,
@@ -431,7 +431,7 @@ def retreat(
         free = min(free, faster)
     else:
         first, last = chain.last[i], chain.first[chain.following[i]]
-        a, j = span_bounds(known, first, last, math.inf)
+        a, j = span_bounds(intervals, first, last, math.inf)
         reached = reachable_speed(chain.v[slower], bound_s[last] - bound_s[first], a, j)
         chain.v[faster] = max(chain.v[slower], min(chain.v[faster], reached))
         pending = push(chain, pending, faster)
@@ -471,32 +471,34 @@ def write_chain(bound_s: Floats, chain: Chain, phases: Phases) -> int:
 @njit
 def largest(limits: Floats, first: int, last: int) -> float:
     """Return the largest limit at the beginning of the intervals first .. last - 1."""
-    found = limits[first, 0]
+    most = limits[first, 0]
     for k in range(first + 1, last):
-        found = max(found, limits[k, 0])
-    return float(found)
+        most = max(most, limits[k, 0])
+    return float(most)
 
 
 @njit
-def plan_window(start: float, known: Intervals, v_start: float, phases: Phases) -> tuple[int, int]:
+def plan_window(
+    start: float, intervals: Intervals, v_start: float, phases: Phases
+) -> tuple[int, int]:
     """Plan a window from speed ``v_start`` and zero acceleration to rest at its end.
 
     Args:
         start: arc length at the start, mm.
-        known: the n intervals behind the start.
+        intervals: the n intervals behind the start.
         v_start: mm/s.
         phases: (8 n + 16,): space for the result.
 
     Returns:
         The status (PLANNED, START_TOO_FAST or NOT_FINISHED) and the number of phases.
     """
-    speed, accel, jerk = known.speed, known.accel, known.jerk
+    speed, accel, jerk = intervals.speed, intervals.accel, intervals.jerk
     n = len(speed)
     bound_s = np.empty(n + 1)
     bound_s[0] = start
     for k in range(n):
-        bound_s[k + 1] = known.end[k]
-    chain, free = forced_nodes(known, v_start)
+        bound_s[k + 1] = intervals.end[k]
+    chain, free = forced_nodes(intervals, v_start)
     kind, v, cap = chain.kind, chain.v, chain.cap
     pending = 0
     for i in range(free - 1, -1, -1):
@@ -525,14 +527,14 @@ def plan_window(start: float, known: Intervals, v_start: float, phases: Phases) 
             pending = lower(chain, pending, faster, v[slower])
             continue
         top = max(min(speed[first:last].max(), cap[i]), v[faster])
-        profile = best_profile(known, first, last, v[i], v[k], distance, top)
+        profile = best_profile(intervals, first, last, v[i], v[k], distance, top)
         chain.peak[i] = profile.peak
         chain.accel[i] = profile.accel
         chain.jerk[i] = profile.jerk
         if profile.time == math.inf and v[faster] > 0.0:
             if kind[faster] == FIXED:
                 return START_TOO_FAST, 0
-            pending, free = retreat(bound_s, known, chain, pending, free, i, faster, slower)
+            pending, free = retreat(bound_s, intervals, chain, pending, free, i, faster, slower)
             continue
         worst = lowest_violation(bound_s, speed, first, last, v[i], v[k], profile)
         if worst < 0:
@@ -542,12 +544,12 @@ def plan_window(start: float, known: Intervals, v_start: float, phases: Phases) 
             ):
                 continue
             examined += last - first
-            new_first, new_v = best_cut(bound_s, known, first, last, v[i], v[k], profile.time)
+            new_first, new_v = best_cut(bound_s, intervals, first, last, v[i], v[k], profile.time)
             new_last, new_kind = new_first, CUT
             if new_first < 0 or chain.taken_back[new_first] >= CUTS:
                 continue
         else:
-            new_first, new_last, new_v = node_at(bound_s, known, chain, i, worst)
+            new_first, new_last, new_v = node_at(bound_s, intervals, chain, i, worst)
             new_kind = FOUND
             if new_first < 0:
                 if new_v >= v[faster]:

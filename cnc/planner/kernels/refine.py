@@ -139,7 +139,7 @@ def write_cells(cells: Cells, first: int, last: int, out: Phases, count: int) ->
 
 @njit
 def write_rows(
-    stretch: Stretch, low: float, high: float, known: Intervals, limits: SumLimits, out: Phases
+    stretch: Stretch, low: float, high: float, intervals: Intervals, limits: SumLimits, out: Phases
 ) -> tuple[int, bool]:
     """Write the phases of the plan between two arc lengths, as they are.
 
@@ -147,7 +147,7 @@ def write_rows(
         stretch: the stretch of the plan.
         low: arc length at the start, mm.
         high: arc length at the end.
-        known: the intervals of the path.
+        intervals: the intervals of the path.
         limits: for the sums.
         out: receives the phases.
 
@@ -175,14 +175,14 @@ def write_rows(
         count += 1
         if stretch.rough:
             worst, fastest, place = largest_shares(
-                duration - start, here, v, a, j, min(stop, high), place, known, limits, scratch
+                duration - start, here, v, a, j, min(stop, high), place, intervals, limits, scratch
             )
             legal = legal and max(worst, fastest) <= 1.0 + TOUCH
     return count, legal
 
 
 @njit
-def window_of(head: Cells, plan: Cells, first: int, last: int, known: Intervals) -> Cells:
+def window_of(head: Cells, plan: Cells, first: int, last: int, intervals: Intervals) -> Cells:
     """Return the cells of ``head``, and behind them the cells [first, last) of the plan."""
     n = len(head.length)
     out = empty_cells(n + last - first, plan.q.shape[3])
@@ -192,7 +192,7 @@ def window_of(head: Cells, plan: Cells, first: int, last: int, known: Intervals)
     copy_part(plan.s, first + 1, last - first, out.s, n + 1)
     copy_part(plan.v, first + 1, last - first, out.v, n + 1)
     copy_part(plan.a, first + 1, last - first, out.a, n + 1)
-    describe(out, known)
+    describe(out, intervals)
     return out
 
 
@@ -209,7 +209,7 @@ def with_space(out: Phases, count: int, more: int) -> Phases:
 
 @njit
 def refine_stretch(
-    stretch: Stretch, known: Intervals, limits: SumLimits, out: Phases, count: int
+    stretch: Stretch, intervals: Intervals, limits: SumLimits, out: Phases, count: int
 ) -> tuple[bool, Phases, int]:
     """Append the fastest motion over a stretch to ``out``, a window of cells at a time.
 
@@ -221,12 +221,12 @@ def refine_stretch(
         Whether the motion is legal, ``out`` or a larger copy, and the new count.
     """
     rows = stretch.rows
-    plan = plan_cells(stretch, known, limits)
+    plan = plan_cells(stretch, intervals, limits)
     n = len(plan.length)
     if n < 2:
         out = with_space(out, count, stretch.last - stretch.first)
         written, legal = write_rows(
-            stretch, rows[stretch.first]["s"], stretch.end_s, known, limits, out[count:]
+            stretch, rows[stretch.first]["s"], stretch.end_s, intervals, limits, out[count:]
         )
         return legal, out, count + written
     start, before = count, 0.0
@@ -240,7 +240,7 @@ def refine_stretch(
     while done < n:
         size = max(longest - len(head.length), OVERLAP)
         until = n if n - done <= size + OVERLAP else done + size
-        window = window_of(head, plan, done, until, known)
+        window = window_of(head, plan, done, until, intervals)
         size = len(window.length)
         seam_s = window.s[size]
         if until < n:
@@ -248,8 +248,8 @@ def refine_stretch(
             seam_s = window.s[seam]
             for m in range(max(seam - SEAM, 0), size):
                 window.share[m] = window.pace[m] = SEAM_SHARE
-            describe(window, known)
-        solved, cells = fastest(window, known, limits)
+            describe(window, intervals)
+        solved, cells = fastest(window, intervals, limits)
         out = with_space(out, count, 4 * (len(cells.length) + len(head.length)) + most)
         if not solved and len(head.length) > 0:
             # The motion behind the seam stays, and the next window begins behind it.
@@ -263,7 +263,7 @@ def refine_stretch(
         longest = WINDOW
         if not solved:
             written, fits = write_rows(
-                stretch, plan.s[done], plan.s[until], known, limits, out[count:]
+                stretch, plan.s[done], plan.s[until], intervals, limits, out[count:]
             )
             count += written
             legal = legal and fits
@@ -287,13 +287,13 @@ def refine_stretch(
 
 @njit
 def refine(
-    phases: Phases, known: Intervals, machine: LimitArrays, rough: bool
+    phases: Phases, intervals: Intervals, machine: LimitArrays, rough: bool
 ) -> tuple[bool, Phases]:
     """Make a plan faster where curves cost time.
 
     Args:
         phases: (p,): the plan.
-        known: the intervals from its start to its end.
+        intervals: the intervals from its start to its end.
         machine: the limits.
         rough: whether the plan itself may be illegal. A stretch of it that is legal, and can hardly
             gain, stays as it is.
@@ -304,7 +304,7 @@ def refine(
     limits = sum_limits(machine)
     rows = np.empty(3 * len(phases), PHASE)
     fixed = np.empty(3 * len(phases), np.bool_)
-    total = separate(phases, known, rows, fixed)
+    total = separate(phases, intervals, rows, fixed)
     out = np.empty(4 * total + 256, PHASE)
     count = 0
     first = 0
@@ -314,7 +314,7 @@ def refine(
         if not fixed[first]:
             while last < total and not fixed[last] and rows[last]["v"] > 0.0:
                 last += 1
-        end_s = rows[last]["s"] if last < total else known.end[-1]
+        end_s = rows[last]["s"] if last < total else intervals.end[-1]
         end_v = rows[last]["v"] if last < total else 0.0
         stretch = Stretch(rows, first, last, end_s, end_v, rough)
         out = with_space(out, count, last - first)
@@ -323,15 +323,17 @@ def refine(
             before = 0.0
             for r in range(first, last):
                 before += rows[r]["duration"]
-            gain = possible_gain(rows, first, last, known, limits)
+            gain = possible_gain(rows, first, last, intervals, limits)
             wanted = gain > max(PROMISING * before, NOTICEABLE * (before + cruise))
         fits = True
         kept = count
         if not wanted:
-            written, fits = write_rows(stretch, rows[first]["s"], end_s, known, limits, out[count:])
+            written, fits = write_rows(
+                stretch, rows[first]["s"], end_s, intervals, limits, out[count:]
+            )
             count += written
         if wanted or not (fits or fixed[first]):
-            fits, out, count = refine_stretch(stretch, known, limits, out, kept)
+            fits, out, count = refine_stretch(stretch, intervals, limits, out, kept)
         if not fits:
             return False, out[:0]
         cruise = cruise + rows[first]["duration"] if fixed[first] else 0.0

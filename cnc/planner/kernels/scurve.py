@@ -22,13 +22,8 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
 from cnc.compiled.jit import njit
 from cnc.planner.kernels.arrays import Phases, write_phase
-
-Floats = NDArray[np.float64]
 
 PEAK_ITERATIONS = 100
 """Bisection halves the bracket to neighbouring floats in fewer steps than this."""

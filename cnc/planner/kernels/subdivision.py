@@ -30,6 +30,8 @@ from cnc.planner.kernels.limits import (
 )
 from cnc.planner.kernels.scurve import reachable_speed
 
+Floats = NDArray[np.float64]
+
 # Samples of an interval of path, and the bounds that follow from them.
 
 VARIATION = 0.05
@@ -213,17 +215,9 @@ def bound_derivatives(sampling: Sampling, limits: LimitArrays) -> None:
             third[i] = max(third[i], abs(q[m, 3, i]) + 0.25 * abs(q[m, 3, i] - q[m - 1, 3, i]))
 
 
-Floats = NDArray[np.float64]
-
-
 MARGIN_OF_FEED = 1.25
 """The other bounds on speed are sampled up to this times the feed: a bound that is above the feed
 at two samples may be below it between them.
-"""
-
-REFINED = 2.0
-"""The refinement may cross an interval this much faster than the bound that leaves acceleration for
-any direction. The interval is cut for that speed. Faster motion is compared with the path itself.
 """
 
 BENT_SHARE = 1.0 / 16.0

@@ -360,7 +360,7 @@ def _find_crossing(c: Floats, ends: Floats, at_end: float, g: int, axis: np.void
 # F is taken at the corner C of the cell about P, (x - 1/2, y + 1/2) for an arc that goes left and
 # up. With the corner inside the circle the arc leaves the cell at the top, so y steps; else at the
 # left, so x steps. In other words, an axis steps where the curve crosses its next half-grid line,
-# whichever comes first. So the rows are those of :mod:`cnc.pulses.kernels.crossings`, with one axis
+# whichever comes first. So the rows are those of :func:`crossing_rows`, with one axis
 # in each row where the curve passes through a corner. Any number of axes may move, on any curve.
 #
 # The method in integers on the line and the circle of the paper is in
@@ -373,7 +373,7 @@ def point_by_point_rows(
 ) -> tuple[int, float, float]:
     """Write the grid moves of a piece from u to ``upto``, until the buffer is full.
 
-    Arguments and results are those of :func:`cnc.pulses.kernels.crossings.crossing_rows`.
+    Arguments and results are those of :func:`crossing_rows`.
     """
     kind, data, at, s0 = piece
     point = grid.point

@@ -29,8 +29,7 @@ on the border of the square there is no null step. Since no axis is beyond its s
 the step is at most 1/2.
 
 Windows end where an axis turns back inside the square, at a cusp, and at a start or end off the
-grid (:mod:`cnc.pulses.kernels.enclosing_line`). No axis turns inside a window, and the square
-stays the same from one window to the next.
+grid. No axis turns inside a window, and the square stays the same from one window to the next.
 
 A row is due where r is on the side, so the machine reaches the next grid point when the curve
 passes it.
@@ -240,9 +239,9 @@ def window_rows(
 #
 # The source is Computer-Aided Design 26(11), 1994, as equations 2 and 3 of Samad & Wan Yusof, 2002.
 #
-# This is the baseline beside :mod:`cnc.pulses.kernels.enclosing_line`. The tangent at r, the point
-# of the curve at the last step, gives the quadrant in which the path goes on. There the grid point
-# P has three neighbours ahead, 2^n - 1 in n axes:
+# This is the baseline beside enclosing lines. The tangent at r, the point of the curve at the last
+# step, gives the quadrant in which the path goes on. There the grid point P has three neighbours
+# ahead, 2^n - 1 in n axes:
 #
 #        P2 o-----o P3
 #           |    ,'         u_i = u - (P_i - r) . r' / ((P_i - r) . r'' - r' . r')   (2, corrected)
@@ -309,7 +308,7 @@ def kiritsis_rows(
 ) -> tuple[int, float, float]:
     """Write the grid moves of a window in which no axis turns.
 
-    Arguments and results are those of :func:`cnc.pulses.kernels.enclosing_line.window_rows`.
+    Arguments and results are those of :func:`window_rows`.
     """
     step, s = moves
     n = len(grid)
@@ -369,8 +368,7 @@ def kiritsis_rows(
 
 # Reference pulses of a piece in windows in which no axis turns back.
 #
-# The interpolators of :mod:`cnc.pulses.kernels.enclosing_line` and
-# :mod:`cnc.pulses.kernels.enclosing_line` go from grid point to grid point. Their windows
+# Both interpolators go from grid point to grid point. Their windows
 # (:mod:`cnc.pulses.kernels.windows`) also end wherever an axis turns. So each axis has one heading
 # in a window, and the position of its end decides whether a line is reached inside:
 #

@@ -28,9 +28,9 @@ LINE. The deviation f of an axis is counted in integers. With the ends of the li
 unit is half the leader's travel: then it is the paper's recursion (equations 8 to 10: -2 Ye for
 each step of X, +2 Xe for each step of Y) without any rounding. Otherwise the unit is 2^-52 BLU.
 
-ARC, with helices, spirals and different scales: see :mod:`cnc.pulses.kernels.half_step`. The
-paper leaves the recursion of arcs to the reader; :mod:`cnc.papers.kernels.half_step` has it for a
-circle whose centre and radius are on the grid.
+ARC, with helices, spirals and different scales: see the drawing below. The paper leaves the
+recursion of arcs to the reader; :mod:`cnc.papers.kernels.half_step` has it for a circle whose
+centre and radius are on the grid.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ from cnc.pulses.kernels.windows import (
     new_window,
 )
 
-# The arcs of :mod:`cnc.pulses.kernels.half_step`: leader, windows, and the nearer candidate.
+# Arcs: leader, windows, and the nearer candidate.
 #
 # Where leader p is the fastest axis, the others are smooth functions of p with a slope of at most
 # one, and so is the arc length: polynomials of degree 7 through values and three derivatives at the
@@ -118,7 +118,7 @@ def arc_rows(
 ) -> tuple[int, float, float, bool]:
     """Write the rows at which the leader of an arc is on a grid line.
 
-    See :func:`cnc.pulses.kernels.half_step.half_step_rows`.
+    See :func:`half_step_rows`.
 
     Returns:
         The number of rows, the parameter reached, the largest error so far, and whether the buffer

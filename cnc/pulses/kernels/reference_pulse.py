@@ -4,8 +4,8 @@ A row of the buffers is a grid move: the axes that step together, each by one BL
 three passes over the buffers:
 
     piece by piece   axes that step, and path coordinate   a generator, by the kind of piece
-    phase by phase   time of that path coordinate          :mod:`cnc.pulses.kernels.reference_pulse`
-    row by row       limits of the board's step rate       :mod:`cnc.pulses.kernels.reference_pulse`
+    phase by phase   time of that path coordinate
+    row by row       limits of the board's step rate
 
 Every generator takes and returns the same as :func:`cnc.pulses.kernels.crossings.crossing_rows`.
 The grid point passes from one to the next.

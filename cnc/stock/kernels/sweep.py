@@ -1,8 +1,7 @@
 """Removal of material from a height field by a tool that moves along the pieces of a path.
 
 The stock is a grid of cells over X and Y. Each has one height, that of the material at its centre.
-A move lowers the cells that the tool passes to the surface that it leaves there
-(:mod:`cnc.stock.kernels.sweep`):
+A move lowers the cells that the tool passes to the surface that it leaves there:
 
     y ^      ,---------------.        For each column of cells (one x) the cells under the tool are
       |     (  o--------->o   )       one range of y, because the area is convex.
@@ -24,6 +23,8 @@ from numpy.typing import NDArray
 
 from cnc.compiled.jit import njit, njit_for_threads
 from cnc.path.kernels.curve import LENGTH, LINE, START, U0, U1, Pieces, curve_eval
+
+Floats = NDArray[np.float64]
 
 # Shape of a rotating tool, and the lowest surface that it leaves along a straight move.
 #
@@ -260,8 +261,6 @@ def depth_in_column(
             deepest, place = depth, k
     return deepest, place
 
-
-Floats = NDArray[np.float64]
 
 NEAREST = 0.71
 """Cells. A tool of any size covers the cell whose centre is nearest to its axis."""

@@ -1,5 +1,5 @@
 // The path in several levels of detail. Each level leaves out points of the one before that its other points show
-// within its tolerance, by the method of cnc/kernels/view/thinning.py, which has a drawing.
+// within its tolerance, by the method of cnc/view/kernels/thinning.py, which has a drawing.
 
 const BLOCK = 1024;
 const FLOATS = 8;  // of a vertex: x y z, time, feed, acceleration, jerk, mm along the line of a traverse

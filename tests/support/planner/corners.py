@@ -5,7 +5,7 @@ import numpy as np
 from cnc.model.blocks import PathMode
 from cnc.path.build import build
 from cnc.planner.limits import Limits
-from cnc.planner.lookahead import LookAhead
+from cnc.planner.lookahead import LookAhead, with_faster_paths
 from cnc.planner.plan import PlanChunk
 from tests.support.planner.motions import AXES, lines, machine, sampled
 
@@ -15,15 +15,16 @@ USED = 0.999
 """The part of the jerk limit that the planner uses."""
 
 
-def planned(points, tolerance, mill=PER_AXIS, feed=300.0, times=None):
+def planned(points, tolerance, mill=PER_AXIS, feed=300.0, *, chooses=False):
     """Plans of straight moves from the origin, and the look-ahead that made them.
 
-    times: times a motion, for the choice between spline and corners.
+    chooses: whether the faster of spline and corners is chosen.
     """
     ahead = LookAhead(mill)
     mode = [PathMode("t.nc", 1, "blend", tolerance)] if tolerance else []
     blocks = [*mode, lines(points, feed)]
-    items = ahead.plan(build(blocks, axes=AXES, start=np.zeros(3), duration=times))
+    path = build(blocks, axes=AXES, start=np.zeros(3), offers_corners=chooses)
+    items = ahead.plan(with_faster_paths(path, mill))
     return [item for item in items if isinstance(item, PlanChunk)], ahead
 
 

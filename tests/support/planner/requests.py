@@ -15,15 +15,13 @@ from cnc.api import parse
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block, Held, PathMode
 from cnc.model.operator_control import Control
-from cnc.path.build import build
 from cnc.path.chunk import PathChunk
 from cnc.path.kernels.curve import curve_eval
-from cnc.planner.joints import Joints
 from cnc.planner.kernels.timed import is_timed, timed_motion
 from cnc.planner.limits import Limits
 from cnc.planner.lookahead import LookAhead
-from cnc.planner.motion_time import motion_time
 from cnc.planner.plan import PlanChunk
+from cnc.session.pipeline import path_of
 from tests.support.five_axis import TYPES, five_axis_machine, table_of
 from tests.support.planner.random_jobs import Job, with_angles
 
@@ -40,16 +38,9 @@ class Program(NamedTuple):
 
 def of_blocks(family: str, blocks: list[Block], machine: Machine) -> Program:
     """Return the program of blocks for the axes or the joints of a machine."""
-    start, joints = np.zeros(len(machine.axis_names)), Joints(machine)
-    path = build(
-        blocks,
-        axes=machine.axis_names,
-        start=start,
-        tolerance=machine.path.tolerance,
-        short_legs=joints.short_legs,
-        duration=motion_time(machine),
+    return Program(
+        family, list(path_of(blocks, machine, np.zeros(len(machine.axis_names)))), machine
     )
-    return Program(family, list(joints.path(path, start)), machine)
 
 
 def rosette(rng: Random) -> list[Block]:

@@ -1,27 +1,91 @@
-"""Planning in the run pass: the plan, and the results that the report takes from it."""
+"""Reader, path and plan of a program, joined, and the results that the report takes from the plan.
+
+reader ──► blocks ──► path of the tip ──► faster of spline and corners ──► joints ──► plan
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
+import numpy as np
+from numpy.typing import NDArray
+
 from cnc.checks.travel import BlockTimes, TravelCheck
 from cnc.grbl_lines.line_program import exact_path
+from cnc.machine.models import Machine
 from cnc.model.blocks import Block
 from cnc.model.diagnostics import Diagnostic, MotionLimitError
 from cnc.model.streams import SampleChunk
+from cnc.path.build import DueTimes, build
 from cnc.path.chunk import PathChunk
 from cnc.planner.joints import Joints
-from cnc.planner.lookahead import LookAhead
+from cnc.planner.lookahead import LookAhead, with_faster_paths
 from cnc.planner.plan import PlanChunk, RunClock
 from cnc.pulses.sampled import Sampled
 from cnc.report.trace import TraceWriter, trace_writer
 from cnc.session.context import SessionContext, Stopwatch
+from cnc.session.program_reader import ProgramReader
 
 PlanItems = Iterable[PlanChunk | Block]
 PathItems = Iterable[PathChunk | Block]
 
 MOST_SECONDS = 1e9
 """Longest machine time of a program, s: 31 years. Pulses have times in ns, in 64 bits."""
+
+
+def path_of(
+    blocks: Iterable[Block],
+    machine: Machine,
+    start: NDArray[np.float64],
+    *,
+    due_times: DueTimes | None = None,
+    certain: bool = True,
+) -> Iterator[PathChunk | Block]:
+    """Yield the path of blocks for a planner, and the blocks that do not move.
+
+    Behind the columns of the axes are those of the joints, where the joints are not the axes. Where
+    these are not a linear function of the axes, the time of a motion depends on the pose, and the
+    path has splines.
+
+    Args:
+        blocks: The blocks.
+        machine: The machine.
+        start: The tip before the path (axes,), mm.
+        due_times: Receives the times of the blocks under G93; None for no record.
+        certain: Where the tip leaves a joint free, as at the pole of a table, it stands at 0.
+
+    Raises:
+        GcodeError: As :func:`cnc.path.build.build`.
+        MotionLimitError: As :meth:`cnc.planner.joints.Joints.path`.
+    """
+    joints = Joints(machine)
+    path = build(
+        blocks,
+        axes=machine.axis_names,
+        start=start,
+        tolerance=machine.path.tolerance,
+        due_times=due_times,
+        short_legs=joints.short_legs,
+        offers_corners=joints.linear,
+    )
+    return joints.path(with_faster_paths(path, machine), start, certain=certain)
+
+
+def program_path(
+    reader: ProgramReader, blocks: Iterable[Block], *, for_lines: bool
+) -> Iterator[PathChunk | Block]:
+    """Yield the path of the blocks of a program, and the blocks that do not move.
+
+    Args:
+        reader: The reader of the program.
+        blocks: Its blocks.
+        for_lines: Whether the path has no blends, for a board that plans for itself.
+    """
+    if for_lines:
+        return exact_path(blocks, axes=reader.machine.axis_names, start=reader.start)
+    if reader.due_times is not None:
+        reader.due_times.clear()
+    return path_of(blocks, reader.machine, reader.start, due_times=reader.due_times)
 
 
 def _too_long(item: PlanChunk | Block) -> MotionLimitError:
@@ -64,12 +128,7 @@ class PlannedMotion:
         reader, machine = self._context.reader, self._machine
         blocks = self.reading_time.inside(reader.blocks())
         survey = TravelCheck(machine)
-        path = (
-            exact_path(blocks, axes=machine.axis_names, start=reader.start)
-            if for_lines
-            else reader.path_of(blocks)
-        )
-        for item in path:
+        for item in program_path(reader, blocks, for_lines=for_lines):
             if isinstance(item, PathChunk):
                 for fault in survey.add(item):
                     raise fault
