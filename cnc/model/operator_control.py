@@ -9,6 +9,9 @@ from cnc.model.diagnostics import Diagnostic, UsageError
 MIN_FEED_OVERRIDE, MAX_FEED_OVERRIDE = 1.0, 200.0
 """Limits of the feed override, per cent of the programmed feeds."""
 
+MIN_FEED_OVERRIDE_OF_BOARD = 10.0
+"""Lowest feed override of a board that carries overrides out itself, per cent: that of GRBL."""
+
 RAPID_OVERRIDES = (25, 50, 100)
 """Overrides of traverses, per cent: those of GRBL."""
 MIN_SPINDLE_OVERRIDE, MAX_SPINDLE_OVERRIDE = 10.0, 200.0
@@ -44,6 +47,7 @@ class Control:
 
     Attributes:
         feed_only: Whether the board has no override of traverses and of the spindle.
+        lowest_feed: The lowest feed override, per cent.
     """
 
     def __init__(self, feed_override: float = 100.0) -> None:
@@ -53,6 +57,7 @@ class Control:
         self._rapid_override = 100
         self._spindle_override = 100.0
         self.feed_only = False
+        self.lowest_feed = MIN_FEED_OVERRIDE
         self.override(feed_override)
 
     @property
@@ -89,10 +94,10 @@ class Control:
         """Scale the programmed feeds.
 
         Raises:
-            UsageError: ``feed-override``, outside 1 to 200 per cent.
+            UsageError: ``feed-override``, outside 1 to 200 per cent, or lower than the board has.
         """
-        if not MIN_FEED_OVERRIDE <= percent <= MAX_FEED_OVERRIDE:
-            limits = f"{MIN_FEED_OVERRIDE:g} to {MAX_FEED_OVERRIDE:g}"
+        if not self.lowest_feed <= percent <= MAX_FEED_OVERRIDE:
+            limits = f"{self.lowest_feed:g} to {MAX_FEED_OVERRIDE:g}"
             raise UsageError(
                 Diagnostic(
                     "feed-override",
@@ -133,13 +138,17 @@ class Control:
         self._spindle_override = percent
         self._wake_ups.put(None)
 
-    def take_feed_only(self) -> None:
-        """Refuse overrides that only GRBL boards have, from now on.
+    def take_board(self, *, overrides: bool) -> None:
+        """Refuse overrides that the board does not have, from now on.
+
+        Args:
+            overrides: Whether the board carries overrides out itself, as GRBL boards do.
 
         Raises:
             UsageError: ``rapid-override``, ``spindle-override``, if one is in effect.
         """
-        self.feed_only = True
+        self.feed_only = not overrides
+        self.lowest_feed = MIN_FEED_OVERRIDE_OF_BOARD if overrides else MIN_FEED_OVERRIDE
         self._refuse("rapid-override", "traverses", self._rapid_override)
         self._refuse("spindle-override", "the spindle", self._spindle_override)
 

@@ -56,7 +56,8 @@ class State:
         run_time: Machine time of the motion since the program's start, s.
         left: Time until the end of the program, s; None if it is not known.
         buffered: Lines, or milliseconds of motion, that the board still holds; None if not known.
-        overrides: The overrides in effect.
+        overrides: The overrides that the board reports; else those requested.
+        pending: Time until the requested feed override takes effect at the latest, s; 0 if it has.
         inputs: Inputs of the board and whether each is active: limits, probe, door.
         held: Why the machine holds; "" if it does not.
         modes: Modes that the next entered line begins with; "" for the defaults of a program.
@@ -80,6 +81,7 @@ class State:
     left: float | None = None
     buffered: int | None = None
     overrides: Overrides = Overrides()
+    pending: float = 0.0
     inputs: dict[str, bool] = field(default_factory=dict)
     held: str = ""
     modes: str = ""

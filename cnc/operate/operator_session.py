@@ -493,12 +493,10 @@ class OperatorSession:
             UsageError: ``feed-override``, ``rapid-override``, ``spindle-override``.
         """
         operated = self._worker.operated
-        if operated is None or not operated.board.capabilities.overrides:
-            for code, value in (("rapid-override", rapid), ("spindle-override", spindle)):
-                if value not in (None, 100):
-                    message = "this board has no such override"
-                    raise UsageError(Diagnostic(code, message, hint="GRBL boards have it"))
-        for control in (self._worker.overrides, self._worker.control):
+        # All are refused before any takes effect, and before the board would refuse a later run.
+        asked = Control()
+        asked.take_board(overrides=operated is not None and operated.board.capabilities.overrides)
+        for control in (asked, self._worker.overrides, self._worker.control):
             if feed is not None:
                 control.override(feed)
             if rapid is not None:

@@ -130,6 +130,7 @@ class StateView:
             run_time=progress.time - (ahead or 0.0),
             left=progress.left,
             buffered=buffered,
+            pending=progress.pending,
             held=progress.hold_reason or ("hold request" if progress.held else ""),
         )
 

@@ -256,7 +256,9 @@ MARGIN = 1e-8
 """Relative: larger than the margin for rounding of the bounds on speed."""
 
 AT_REST = 2.0
-"""A plan that rests within this many ramps of constant bounds is followed to that rest."""
+"""Where the clock can't be slowed, a plan that rests within this many ramps of constant bounds is
+followed to that rest.
+"""
 
 FEW = 200
 """Intervals with a bend within the horizon, up to which a search takes less than 0.1 CPU s."""
@@ -442,17 +444,15 @@ def slower_plan(request: Request, slow_from: float) -> SlowerPlan | None:
     if firm is None:
         return None
     time = float(firm["duration"].sum())
-    if _time_to_rest(plan) <= AT_REST * time:
+    found = copy_by_clock(plan, time, lowered(near), slowing.arrays, part)
+    if found is None or exceeding_sections(path, found[1][: found[0]], near):
+        if _time_to_rest(plan) > AT_REST * time:
+            return None
         # It rests about as soon as a ramp that begins a little later would end.
         count = first_rest(plan)
         rest = float(plan[count]["s"]) if count < len(plan) else request.goal
         return SlowerPlan(plan, count, rest, slowing)
-    found = copy_by_clock(plan, time, lowered(near), slowing.arrays, part)
-    if found is None:
-        return None
     ramp, phases = found
-    if exceeding_sections(path, phases[:ramp], near):
-        return None
     behind = float(phases[ramp]["s"]) if ramp < len(phases) else request.goal
     return SlowerPlan(phases, ramp, max(slow_from, behind), slowing)
 

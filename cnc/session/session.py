@@ -352,8 +352,8 @@ class Session:
             adopt_kept_offsets(context)
             # With a board the operator's override changes the times.
             reader.due_times = DueTimes()
-        elif board.takes == "pulses":
-            context.observer.control.take_feed_only()
+        else:
+            context.observer.control.take_board(overrides=board.capabilities.overrides)
         try:
             with ExitStack() as stack:
                 reader.path = stack.enter_context(readable_file(self._program))

@@ -47,7 +47,7 @@ def test_a_request_that_the_board_does_not_know_is_told(
     capsys: pytest.CaptureFixture[str], key: str, name: str
 ) -> None:
     control = Control()
-    control.take_feed_only()
+    control.take_board(overrides=False)
     Keyboard(control).press(key)
     assert capsys.readouterr().err == f"this board has no override of {name}\n"
     assert (control.rapid_override, control.spindle_override) == (100, 100)

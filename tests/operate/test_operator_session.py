@@ -235,6 +235,27 @@ def test_hold_resume_and_stop_of_a_program(any_operator, tmp_path):
     assert ended(any_operator, "G0 X0").outcome == "done"
 
 
+@pytest.mark.parametrize(
+    ("board", "asked", "code"),
+    [
+        ("operator", {"feed": 50.0, "rapid": 50}, "rapid-override"),
+        ("operator", {"feed": 50.0, "spindle": 50.0}, "spindle-override"),
+        ("grbl_operator", {"spindle": 50.0, "feed": 5.0}, "feed-override"),
+    ],
+)
+def test_an_override_that_the_board_does_not_have_is_refused_as_a_whole(
+    request, board, asked, code
+):
+    """GRBL has feed overrides of 10 to 200 %, and only GRBL has one of traverses and spindle."""
+    session = request.getfixturevalue(board)
+    with pytest.raises(UsageError) as refusal:
+        session.override(**asked)
+    assert refusal.value.diagnostic.code == code
+    assert ended(session, "G4 P0.1").outcome == "done"
+    shown = session.state.overrides
+    assert (shown.feed, shown.rapid, shown.spindle) == (100.0, 100.0, 100.0)
+
+
 def test_a_program_stop_asks_the_operator(any_operator, tmp_path):
     program = tmp_path / "stop.nc"
     program.write_text("G90 G0 X1\nM0 (turn the part)\nG0 X2\nM2\n")

@@ -19,3 +19,12 @@ def test_the_line_is_the_one_that_the_board_plays(taken, played, shown):
     view.begin("part.nc")
     view.progress(Progress(1.0, taken, taken, at=played), Readings())
     assert view.state("program", Control()).line == shown
+
+
+@pytest.mark.parametrize("seconds", [0.0, 0.62])
+def test_an_override_that_waits_is_told(seconds):
+    view = StateView(load_machine(None))
+    view.board = "stepper"
+    view.begin("part.nc")
+    view.progress(Progress(1.0, 3, 5, pending=seconds), Readings())
+    assert view.state("program", Control(50.0)).pending == seconds

@@ -44,7 +44,9 @@ RAMPS_TO_REST = 4.0
 
 BEHIND = 2.0
 """At the new feed the motion loses no more than so many of these ramps, a slice, and the rest of
-a motion past corners.
+a motion past corners. That is followed at a part p of its speed v, which has the new feed where it
+is fastest. Elsewhere the feed would allow more: it loses less than its time, the integral of
+ds / (p v).
 """
 
 REQUESTS = share(10_000, 20)
@@ -55,13 +57,19 @@ PROGRAMS = [
     (family, number) for family in FAMILIES for number in range(REQUESTS // (EACH * len(FAMILIES)))
 ]
 
+AT_REST_SOON = ("exact NURBS", 68, 2070658700)
+"""The motion is slow in a bend, and rests within 0.4 s; it is above the new feed between."""
 
-@pytest.mark.parametrize(("family", "number"), PROGRAMS)
+
+@pytest.mark.parametrize(
+    ("family", "number", "seed"), [*((*each, None) for each in PROGRAMS), AT_REST_SOON]
+)
 def test_a_request_takes_effect_within_the_promised_time(
-    family: str, number: int, tmp_path: Path
+    family: str, number: int, seed: int | None, tmp_path: Path
 ) -> None:
     """The message has the seed, which is a new one in each run of ``make soak``."""
-    seed = share(int(np.random.default_rng().integers(2**32)), 1)
+    if seed is None:
+        seed = share(int(np.random.default_rng().integers(2**32)), 1)
     rng = np.random.default_rng([seed, FAMILIES.index(family), number])
     program = random_program(family, rng, tmp_path)
     for trial in range(EACH):
@@ -74,7 +82,7 @@ def test_a_request_takes_effect_within_the_promised_time(
         # A slice of slow motion is longer: it covers 0.01 mm.
         assert answer.delay <= answer.chain + 1.5 * SLICE, message
         assert answer.effect <= answer.chain + late, message
-        assert answer.behind <= BEHIND * answer.ramp + answer.chain + SLICE, message
+        assert answer.behind <= BEHIND * answer.ramp + answer.rest + SLICE, message
 
 
 INSIDE = 0.95

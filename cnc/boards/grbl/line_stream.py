@@ -30,7 +30,7 @@ from cnc.boards.grbl.protocol import LineGroup, RealTime, UnansweredLines, WireT
 from cnc.boards.port import PortLost
 from cnc.boards.protocols import OnReport, board_error
 from cnc.model.diagnostics import BoardError, Diagnostic
-from cnc.model.operator_control import Control
+from cnc.model.operator_control import MIN_FEED_OVERRIDE_OF_BOARD, Control
 
 # The operator's requests as real-time commands of GRBL. No I/O.
 #
@@ -43,7 +43,7 @@ from cnc.model.operator_control import Control
 
 PATIENCE = 0.5
 """Seconds within which a real-time command must show in the status."""
-MIN_OVERRIDE = 10
+MIN_OVERRIDE = round(MIN_FEED_OVERRIDE_OF_BOARD)
 """Per cent; GRBL's feed overrides go from 10 to 200."""
 LARGE_STEP = 10
 FEED, RAPID, SPINDLE = range(3)

@@ -317,7 +317,8 @@ function showState(event) {
   }
   write(element("system-name"), event.system);
   if (document.activeElement !== element("system")) element("system").value = event.system;
-  write(element("feed"), event.feed === null ? "–" : `${Math.round(event.feed)} mm/min`);
+  const waits = event.pending > 0 ? ` (${Math.round(event.overrides.feed)} % in ${event.pending.toFixed(1)} s at most)` : "";
+  write(element("feed"), (event.feed === null ? "–" : `${Math.round(event.feed)} mm/min`) + waits);
   write(element("spindle"), event.spindle === null ? "–" : `${Math.round(event.spindle)} rev/min`);
   write(element("tool"), event.tool ?? "–");
   write(element("line"), event.line ? `${event.line}: ${event.text}` : "–");
