@@ -19,10 +19,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cnc.batch import pool
 from cnc.boards.protocols import LineSink, PulseSink
 from cnc.boards.registry import open_board
 from cnc.checks.selection import Selection
@@ -38,16 +38,16 @@ from cnc.planner.lookahead import LookAhead
 from cnc.planner.motion_time import motion_time
 from cnc.planner.plan import PlanChunk
 from cnc.report.result import Report
+from cnc.session import homing
 from cnc.session.context import Callbacks
+from cnc.session.homing import AxisHoming, Squared
 from cnc.session.kernel_cache import ensure_compiled
 from cnc.session.kernel_needs import moving_jobs
 from cnc.session.options import Outputs, RunOptions
+from cnc.session.position_check import home_by_board
 from cnc.session.program_reader import start_position
 from cnc.session.run_pulses import Progress
 from cnc.session.session import Session
-
-if TYPE_CHECKING:
-    from cnc.session.homing import AxisHoming, Squared
 
 __all__ = [
     "Block",
@@ -170,8 +170,6 @@ def check_many(
         UsageError: If an option is wrong.
         MachineFileError: If the machine file is wrong.
     """
-    from cnc.batch import pool  # a check of one program does not need it
-
     names = [str(program) for program in programs]
     return pool.check_many(names, _loaded(machine), options, jobs=jobs, scheduler=scheduler)
 
@@ -281,12 +279,8 @@ def home(
 
     try:
         if opened.takes == "lines":
-            from cnc.session.position_check import home_by_board
-
             return dict(home_by_board(opened, known, axes, control or Control()))
         ensure_compiled(seen.on_compiling, seen.on_kernel, moving_jobs(opened))
-        from cnc.session import homing
-
         positions = homing.home(
             opened,
             known,

@@ -14,10 +14,13 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any
 
+from cnc.batch.dask_cluster import check_on
 from cnc.batch.task import Prepare, Task
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import CncError, Diagnostic, UsageError
 from cnc.report.result import Report
+from cnc.session.kernel_cache import ensure_compiled
+from cnc.session.kernel_jobs import CHECKING
 from cnc.session.options import RunOptions
 from cnc.session.program_reader import STANDARD_INPUT
 
@@ -79,8 +82,6 @@ def check_many(
             tasks, min(jobs or cores(), len(tasks)), on_compiling or (lambda: None)
         )
     else:
-        from cnc.batch.dask_cluster import check_on
-
         outcomes = check_on(scheduler, tasks)
     finished: dict[int, Report | CncError] = {}
     with closing(outcomes):
@@ -146,9 +147,6 @@ class _Pool:
 
     def _from_standard_input(self, task: Task) -> Report | CncError:
         """Check standard input here: that of a worker transfers its tasks."""
-        from cnc.session.kernel_cache import ensure_compiled
-        from cnc.session.kernel_jobs import CHECKING
-
         with self._preparing:
             ensure_compiled(self._on_compiling, jobs=CHECKING)
         return task.perform()

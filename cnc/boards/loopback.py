@@ -1,4 +1,7 @@
-"""The loopback board: counts steps, keeps positions, and checks pulses as a real board would."""
+"""The loopback board: counts steps, keeps positions, and checks pulses as a real board would.
+
+One variant has simulated limit switches, another plays in real time.
+"""
 
 from __future__ import annotations
 

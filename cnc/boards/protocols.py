@@ -1,4 +1,4 @@
-"""Boards: the two kinds of board, what each states of itself, and the methods of its driver.
+"""Boards: the two kinds, the properties that each states, its methods, and the faults of boards.
 
 A driver takes time-stamped chunks ahead of time, and the board plays them. The states of a board:
 

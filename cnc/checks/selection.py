@@ -1,4 +1,4 @@
-"""Selection of findings: by code on the command line, and by comments in the program.
+"""The catalogue of findings, and their selection: on the command line, or by comments.
 
     G1 X5 F99999 (cnc: ignore feed-unreachable)
 

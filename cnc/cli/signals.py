@@ -24,6 +24,9 @@ from typing import TYPE_CHECKING, Any
 
 from cnc.model.operator_control import Control, StoppedAtOnce
 
+if sys.platform != "win32":
+    import termios
+
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer
 
@@ -146,8 +149,6 @@ def _kept_terminal() -> Iterator[None]:
     if sys.platform == "win32":
         yield
         return
-    import termios
-
     try:
         file = sys.stdin.fileno()
         modes = termios.tcgetattr(file)

@@ -240,7 +240,7 @@ class Recorder:
 
 # Distance of two tracks that are followed in step.
 #
-# Between two points that both pass (:mod:`cnc.compare.programs`) the tracks are sampled coarsely
+# Between two points that both pass the tracks are sampled coarsely
 # and aligned by dynamic time warping: the pairing of samples with the least sum of distances that
 # never goes backwards on either track. Then each point of one track is measured against the
 # stretch of the other that its neighbours are paired with. So a contour in the opposite direction

@@ -1,4 +1,4 @@
-"""Loading of machine files, with errors that name file, key and line."""
+"""Loading of machine files: errors by file, key and line, contradictions, the JSON Schema."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The machine: axes, path limits, board, and the reading of programs, as pydantic models.
+"""The machine: axes, motors, path limits, board, and reading of programs, as pydantic models.
 
 The models are frozen. An unknown key is an error. Lengths are in mm (degrees for rotary axes),
 times in s. A limit that is absent does not limit. The acceleration and the jerk of each axis need a

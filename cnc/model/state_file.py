@@ -1,4 +1,4 @@
-"""Files that are kept between runs: their content is checked, and a damaged file is set aside."""
+"""Files that are kept between runs, and their folder; a damaged file is set aside."""
 
 from __future__ import annotations
 

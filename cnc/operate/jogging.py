@@ -1,4 +1,6 @@
-"""End point and speed of a jog: within the travel, and slow enough to come to rest in time.
+"""Jogs: their end point and speed, and the plan of a jog on a pulse board.
+
+A jog ends within the travel, and is slow enough to come to rest in time.
 
 A jerk-limited stop from speed v takes
 

@@ -1,4 +1,7 @@
-"""A machine as a session operates it, whatever its board: readings, jogs, offsets."""
+"""A machine as a session operates it, behind a board for lines or for pulses.
+
+Readings, jogs, offsets; and the boards for an operator.
+"""
 
 from __future__ import annotations
 

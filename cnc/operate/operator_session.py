@@ -1,7 +1,7 @@
 """The operator session: it operates one machine, from the connection to the end.
 
-It is put together from parts: the worker carries out one activity at a time
-(:mod:`cnc.operate.program_session`), and :mod:`cnc.operate.program_session` runs programs.
+It is put together from parts: the worker carries out one activity at a time, and
+programs run there (:mod:`cnc.operate.program_session`).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Programs of an operator session: files, entered lines, macros and probing."""
+"""The worker of an operator session, and its programs: files, lines, macros and probing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The state of the server: session, library, control, checks, and the records of runs."""
+"""The state of the server: session, control, clients, library, checks, and records of runs."""
 
 from __future__ import annotations
 

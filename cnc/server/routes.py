@@ -1,4 +1,4 @@
-"""The requests about the machine: control, motion, offsets, lines, settings."""
+"""The requests: the machine, the jobs with their uploads, and the height maps."""
 
 from __future__ import annotations
 

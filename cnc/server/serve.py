@@ -1,9 +1,10 @@
-"""The server process: its address, its token, and its life."""
+"""The server process: its address and token, its limits, its application, and its life."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import io
 import ipaddress
 import json
 import os
@@ -31,6 +32,7 @@ from starlette.exceptions import HTTPException
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from cnc.machine.models import Machine
+from cnc.model import state_file
 from cnc.model.diagnostics import BoardError, CncError, Diagnostic, UsageError
 from cnc.operate.events import Finding, as_object
 from cnc.operate.operator_session import OperatorSession
@@ -384,7 +386,7 @@ def open_address(host: str, port: int, token: str | None) -> Address:
 def serve(
     machine: Machine,
     address: Address,
-    library: Path,
+    library: Path | None,
     *,
     announce: Callable[[Address], None],
 ) -> None:
@@ -393,11 +395,12 @@ def serve(
     Args:
         machine: The machine.
         address: The open socket.
-        library: Folder of the library, which also has the macros and the offsets.
+        library: Folder of the library, which also has the macros and the offsets; None for
+            that of this user.
         announce: Called when the server is ready.
     """
     sys.setswitchinterval(SWITCH_S)
-    jobs = Library(library)
+    jobs = Library(library or state_file.folder().parent / "jobs")
     program = machine.program
     if program.parameters is None:
         program = program.model_copy(update={"parameters": jobs.folder / OWN / "parameters.var"})
@@ -456,8 +459,6 @@ def qr_code(text: str) -> str:
         import segno
     except ImportError:
         return ""
-    import io
-
     target = io.StringIO()
     segno.make(text, micro=False).terminal(out=target, compact=True)
     return target.getvalue()

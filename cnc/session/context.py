@@ -1,4 +1,4 @@
-"""Data that the passes of a session share."""
+"""Data that the passes of a session share: outputs, callbacks and their observer, stopwatches."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ from cnc.session.checkpoint import CheckpointWriter
 from cnc.session.options import Outputs, RunOptions
 from cnc.session.program_reader import ProgramReader
 from cnc.session.run_pulses import Progress
+from cnc.view.writer import check_picture
 
 if TYPE_CHECKING:
     from cnc.stock.simulation import Material
@@ -40,8 +41,6 @@ def check_outputs(outputs: Outputs) -> None:
     if outputs.stl is not None:
         suffix_of("stl", outputs.stl, STL_SUFFIXES)
     if outputs.picture is not None:
-        from cnc.view.writer import check_picture
-
         check_picture(outputs.picture)
 
 

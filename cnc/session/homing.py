@@ -670,21 +670,6 @@ def home_by_board(board: LineSink, axes: Sequence[str], control: Control) -> Non
 log = logging.getLogger(__name__)
 
 
-def home_line_board(context: SessionContext, board: LineSink) -> None:
-    """Let a GRBL board home the machine; the program begins where it stands then.
-
-    Raises:
-        BoardError, HomingStopped: As :func:`cnc.session.position_check.home_by_board`.
-    """
-    from cnc.session.position_check import home_by_board
-
-    reader = context.reader
-    log.info("homing")
-    home_by_board(board, reader.machine, (), context.observer.control)
-    reader.start = np.array(board.position)
-    reader.begin_at(context.options.from_line)
-
-
 def home_pulse_board(context: SessionContext, board: PulseSink) -> None:
     """Home the machine on a board that plays pulses.
 

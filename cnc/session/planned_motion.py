@@ -16,6 +16,7 @@ from cnc.planner.plan import PlanChunk, RunClock
 from cnc.pulses.sampled import Sampled
 from cnc.report.trace import TraceWriter, trace_writer
 from cnc.session.context import SessionContext, Stopwatch
+from cnc.view.writer import picture_writer
 
 PlanItems = Iterable[PlanChunk | Block]
 PathItems = Iterable[PathChunk | Block]
@@ -111,8 +112,6 @@ class PlannedMotion:
         context = self._context
         report, reader, picture = context.report, context.reader, None
         if context.options.outputs.picture is not None:
-            from cnc.view.writer import picture_writer
-
             picture = context.files.opened(
                 picture_writer(context.options.outputs.picture, report, reader.path, reader.start)
             )

@@ -9,6 +9,7 @@ position.
 from __future__ import annotations
 
 import contextlib
+import logging
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, field, replace
 from pathlib import Path
@@ -43,6 +44,8 @@ from cnc.session import homing
 from cnc.session.checkpoint import Checkpoint, replace_json
 from cnc.session.context import SessionContext
 from cnc.session.homing import homed_steps, homing_sequence
+
+log = logging.getLogger(__name__)
 
 # Machine position at the end of the last run on a board, kept on disk between the runs.
 #
@@ -346,6 +349,19 @@ def home_by_board(
     finally:
         check.end(ended, None)
     return dict(zip(machine.axes, board.position, strict=False))
+
+
+def home_line_board(context: SessionContext, board: LineSink) -> None:
+    """Let a GRBL board home the machine; the program begins where it stands then.
+
+    Raises:
+        BoardError, HomingStopped: As :func:`home_by_board`.
+    """
+    reader = context.reader
+    log.info("homing")
+    home_by_board(board, reader.machine, (), context.observer.control)
+    reader.start = np.array(board.position)
+    reader.begin_at(context.options.from_line)
 
 
 def homing_line(blocks: Iterable[Block]) -> int:

@@ -1,4 +1,4 @@
-"""The run pass on a board that plans for itself: the path as lines, and the operator's requests.
+"""The run pass on a board that plans for itself: lines, their times, and the operator's requests.
 
 All lines are made before the first is sent, so that nothing moves if one of them cannot be made.
 They are kept in memory. They are made again while they are sent, if there are too many or if

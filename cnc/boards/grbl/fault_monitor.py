@@ -1,10 +1,10 @@
-"""Faults of a GRBL board, found from its answers and reports. No I/O.
+"""Faults of a GRBL board from its answers and reports, and from its silence. No I/O.
 
 answer or report               | found by         | found within
 -------------------------------+------------------+--------------------------------------
 error, ALARM, welcome, extra ok| this module      | at once
 ok, one by one                 | marks (protocol) | half a second and a move
-none, or status reports only   | liveness         | 2 s
+none, or status reports only   | `Liveness`       | 2 s
 position                       | position_tracker | the motion ahead (1.5 s), two reports
 
 A report is judged at its place among the answers. All times are times of listening (see

@@ -1,4 +1,4 @@
-"""Sending of lines to a GRBL board, with its faults watched.
+"""Sending of lines to a GRBL board, with its faults watched and the operator's requests served.
 
 No wait is without a bound. At any fault the motion is stopped (hold, wait for rest, reset) before
 the fault is raised, and nothing is sent any more.

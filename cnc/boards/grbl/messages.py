@@ -1,4 +1,4 @@
-"""The messages of a GRBL board: bytes in, messages out.
+"""The messages of a GRBL board and the events of its protocol: bytes in, messages out.
 
 Source: "Grbl v1.1 Interface", response and push messages::
 

@@ -1,4 +1,4 @@
-"""The protocol of a GRBL board, without I/O: bytes in, events out.
+"""The protocol of a GRBL board, without I/O: bytes in, events out; groups of unanswered lines.
 
 Sources: "Grbl v1.1 Interface", and grblHAL's where it differs.
 

@@ -1,4 +1,4 @@
-"""The connection to a Klipper board: exchange of blocks, questions, and the board's clock."""
+"""The connection to a Klipper board: exchange of blocks, questions, its clock, and its report."""
 
 from __future__ import annotations
 

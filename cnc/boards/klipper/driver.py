@@ -23,6 +23,8 @@ from cnc.boards.klipper.supervisor import RELEASE, Supervisor
 from cnc.boards.port import Clock, Port, SystemClock
 from cnc.boards.protocols import Capabilities, board_error
 from cnc.boards.pulse_board import OutputState, PulseBoard, port_name
+from cnc.boards.serial_port import identity as port_identity
+from cnc.boards.serial_port import open_port
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block, Dwell, Probe, Spindle, SwitchMove
 from cnc.model.diagnostics import Diagnostic
@@ -76,8 +78,6 @@ class Klipper(PulseBoard):
     @classmethod
     def from_machine(cls, machine: Machine, target: Path | None = None) -> Klipper:
         """Open the board on the port ``target``, else on that of the machine file."""
-        from cnc.boards.serial_port import identity, open_port
-
         section(machine)
         name = port_name(machine, target, "Klipper")
         ports: list[Port] = []
@@ -88,8 +88,14 @@ class Klipper(PulseBoard):
 
         try:
             port = opened()
-            known = identity(name)
-            return cls(port, machine, name, background=True, identity=known, reopen=opened)
+            return cls(
+                port,
+                machine,
+                name,
+                background=True,
+                identity=port_identity(name),
+                reopen=opened,
+            )
         except BaseException:
             for port in ports:
                 port.close()

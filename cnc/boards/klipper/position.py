@@ -1,4 +1,7 @@
-"""Position of a machine on a Klipper board: counts of the motors, grid points, coordinates."""
+"""Position of a machine on a Klipper board: counts of the motors, and the file between runs.
+
+The configuration of the board when it is opened stands here too, because it sets the counts.
+"""
 
 from __future__ import annotations
 

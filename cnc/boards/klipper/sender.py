@@ -1,4 +1,4 @@
-"""Sending of grid moves to the queues of a Klipper board, within a horizon and the queue's slots.
+"""Sending of grid moves to the queues of a Klipper board: horizon, slots, steps, emergency ramp.
 
       board plays       sent            reserve            from the planner
     ──────●──────────────────────┤·················┤ ◄── ── ── ── ── ──

@@ -1,4 +1,4 @@
-"""Supervision of an open Klipper board: triggers, shutdowns, faults, positions."""
+"""Supervision of an open Klipper board: triggers, shutdowns, alarms, faults, positions."""
 
 from __future__ import annotations
 

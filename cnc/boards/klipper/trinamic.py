@@ -1,4 +1,7 @@
-"""Motor drivers by Trinamic (TMC2208, TMC2209, TMC2130, TMC5160), configured through the board."""
+"""Motor drivers by Trinamic (TMC2208, TMC2209, TMC2130, TMC5160) behind a Klipper board.
+
+Datagrams, registers for a machine file, their writing and check, and the watch during motion.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The connection to a stepper board: exchange of bytes, requests, and the opening of a board."""
+"""The connection to a stepper board: exchange of bytes, requests, its opening, and its report."""
 
 from __future__ import annotations
 

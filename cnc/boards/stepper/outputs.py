@@ -1,4 +1,4 @@
-"""Outputs of the stepper board: spindle, coolant, motor drivers."""
+"""Outputs of the stepper board: spindle, coolant, motor drivers; and its outputs for motors."""
 
 from __future__ import annotations
 

@@ -1,8 +1,9 @@
-"""The host's end of the simulator's cable in the same process, and its clocks.
+"""Ports of the simulator: in this process, as the board ``grbl-sim``, and at a pseudo-terminal.
 
-It is a :class:`cnc.boards.port.Port`. In virtual time a read advances the simulator's clock to the
-next answer, or by the timeout; nothing sleeps. With the real clock, the simulator is advanced
-whenever the host reads, writes or asks, ``factor`` times as fast as real time.
+The host's end of the cable is a :class:`cnc.boards.port.Port`. In virtual time a read advances the
+simulator's clock to the next answer, or by the timeout; nothing sleeps. With the real clock, the
+simulator is advanced whenever the host reads, writes or asks, ``factor`` times as fast as real
+time.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import contextlib
 import os
 import select
+import sys
 import threading
 import time
 from collections.abc import Sequence
@@ -22,6 +24,10 @@ from cnc.boards.protocols import BoardTraits
 from cnc.machine.models import Machine
 from cnc.simulators.grbl.firmware_profile import profile_of, settings_of
 from cnc.simulators.grbl.grbl_simulator import BOOT_TIME, GrblSimulator
+
+if sys.platform != "win32":
+    import termios
+    import tty
 
 NAME = "the GRBL simulator"
 
@@ -233,9 +239,6 @@ class PtyServer:
     """
 
     def __init__(self, simulator: GrblSimulator, factor: float = 1.0) -> None:
-        import termios
-        import tty
-
         self.simulator = simulator
         self._clock = ScaledTime(simulator, factor)
         self._ours, theirs = os.openpty()
@@ -296,8 +299,6 @@ class PtyServer:
 
     def _hangs_up(self) -> bool:
         """Return whether closing drops DTR, by the settings of the terminal, which remain."""
-        import termios
-
         return bool(termios.tcgetattr(self._ours)[CFLAG] & termios.HUPCL)
 
     def _receive(self) -> bytes:
