@@ -93,10 +93,10 @@ def check_many(
                 count += 1
                 if on_done is not None:
                     on_done(count)
-            found = finished.pop(index)
-            if isinstance(found, CncError):
-                raise found
-            yield found
+            outcome_due = finished.pop(index)
+            if isinstance(outcome_due, CncError):
+                raise outcome_due
+            yield outcome_due
 
 
 def _check_locally(
@@ -179,10 +179,10 @@ class _Worker:
         """Return the outcome of a task, also if the process dies."""
         end = ""
         for _ in range(ATTEMPTS):
-            known = self._process
-            process = known or self._start()
+            running = self._process
+            process = running or self._start()
             try:
-                if known is None:
+                if running is None:
                     self._prepare(process)
                 _ask(process, task)
                 outcome: Report | CncError = _answer(process)

@@ -341,7 +341,9 @@ def identity(name: str) -> str:
         return f"usb {name.removeprefix(BY_NUMBER)}"
     # Windows does not distinguish com3 and COM3.
     port = os.path.normcase(os.path.realpath(name) if os.path.exists(name) else name)
-    numbers = (each.serial_number for each in found_ports() if os.path.normcase(each.name) == port)
+    numbers = (
+        device.serial_number for device in found_ports() if os.path.normcase(device.name) == port
+    )
     number = next(numbers, "")
     if number:
         return f"usb {number}"
@@ -365,8 +367,8 @@ def found_ports() -> list[FoundPort]:
 
     return sorted(
         (
-            FoundPort(each.device, each.description or "", each.serial_number or "")
-            for each in comports()
+            FoundPort(device.device, device.description or "", device.serial_number or "")
+            for device in comports()
         ),
         key=lambda port: port.name,
     )

@@ -117,7 +117,7 @@ def check_listed(
     machine = _machine(common, options)
     quiet = common.terminal.quiet
     with ProgressDisplay(Control(common.feed_override), quiet=quiet) as display:
-        found = check_many(
+        results = check_many(
             files,
             machine,
             options.run_options(common),
@@ -126,7 +126,7 @@ def check_listed(
             on_done=lambda done: display.count(done, len(files)),
             on_compiling=None if quiet else print_compiling,
         )
-        for report in found:
+        for report in results:
             reports.append(report)
             log.info("%s", one_line(report))
             for finding in report.findings:
@@ -152,7 +152,7 @@ def find_programs(names: Sequence[str]) -> list[str]:
     if not names:
         hint = "cncrun check PROGRAM..."
         raise UsageError(Diagnostic("no-program", "no program is named", hint=hint))
-    found: list[str] = []
+    programs: list[str] = []
     for name in names:
         path = Path(name)
         if path.is_dir():
@@ -161,8 +161,8 @@ def find_programs(names: Sequence[str]) -> list[str]:
                 for file in path.rglob("*")
                 if file.suffix.lower() in SUFFIXES and file.is_file()
             )
-            known = " ".join("*" + suffix for suffix in SUFFIXES)
-            missing = f"the folder {name} has no programs ({known})"
+            suffixes = " ".join("*" + suffix for suffix in SUFFIXES)
+            missing = f"the folder {name} has no programs ({suffixes})"
         elif not path.exists() and glob.has_magic(name):
             matches = sorted(
                 file for file in glob.glob(name, recursive=True) if os.path.isfile(file)
@@ -173,8 +173,8 @@ def find_programs(names: Sequence[str]) -> list[str]:
         if not matches:
             hint = "check the name and the folder"
             raise UsageError(Diagnostic("no-program", missing, hint=hint))
-        found += matches
-    return list(dict.fromkeys(found))
+        programs += matches
+    return list(dict.fromkeys(programs))
 
 
 # End of a check or a run: its findings and its exit code.
@@ -213,8 +213,8 @@ def end(reports: Sequence[Report], *, quiet: bool, fail_on: Severity = "error") 
         return EXIT_STOPPED
     if code:
         return code
-    found = (finding for report in reports for finding in report.counting)
-    return EXIT_REJECTED if any(finding.severity in counting for finding in found) else 0
+    findings = (finding for report in reports for finding in report.counting)
+    return EXIT_REJECTED if any(finding.severity in counting for finding in findings) else 0
 
 
 def _print_error(text: str) -> None:

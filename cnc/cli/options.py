@@ -323,7 +323,7 @@ class CheckOptions:
 
 def _split(listed: Sequence[str]) -> list[str]:
     """Return the items of lists that are separated by commas."""
-    return [item for each in listed for item in each.split(",") if item]
+    return [item for items in listed for item in items.split(",") if item]
 
 
 def check_files(

@@ -76,12 +76,12 @@ class Changes:
             else:
                 lines.append(f"path length: {number(then)} -> {number(now)} mm{share}")
         for axis, pair in self.box.items():
-            ends = [" .. ".join(map(position, each)) if each else "none" for each in pair]
+            ends = [" .. ".join(map(position, entry)) if entry else "none" for entry in pair]
             lines.append(f"{axis.upper()}: {ends[0]} -> {ends[1]}")
         for word, findings in ("new", self.new), ("gone", self.gone):
             lines += [
-                f"{word}: {each.severity} {each.line or '-'}: {each.code}: {each.message}"
-                for each in findings
+                f"{word}: {entry.severity} {entry.line or '-'}: {entry.code}: {entry.message}"
+                for entry in findings
             ]
         return lines
 
@@ -321,7 +321,7 @@ class Report:
         """The faults that decide how a check ends."""
         if self.changes is None:
             return self.faults
-        new = {id(found) for found in self.changes.new}
+        new = {id(finding) for finding in self.changes.new}
         return [fault for fault in self.faults if id(fault.diagnostic) in new]
 
     def raise_if_faulty(self) -> None:

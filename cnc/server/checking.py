@@ -219,10 +219,10 @@ def cut_job(order: CutOrder) -> dict[str, Any]:
             callbacks=Callbacks(on_cut=materials.append),
         ).run()
         summary = report.as_json()
-        found = [each for each in summary["errors"] if each["code"] in CODES]
-        part: dict[str, Any] = {"ok": report.ok, "findings": found or summary["errors"]}
+        findings = [error for error in summary["errors"] if error["code"] in CODES]
+        part: dict[str, Any] = {"ok": report.ok, "findings": findings or summary["errors"]}
         if report.ok and materials:
-            part = {"ok": True, "findings": found} | part_of(materials[0]) | summary["stock"]
+            part = {"ok": True, "findings": findings} | part_of(materials[0]) | summary["stock"]
             put(stl.read_bytes(), library.own(name, "stl"))
             put(json.dumps(part).encode(), library.own(name, "part.json"))
     return part

@@ -371,9 +371,9 @@ class UploadDecoder:
             return
         while self._rest and not self.done:
             piece, self._rest = self._rest[:PIECE], self._rest[PIECE:]
-            found = _PLAIN.match(piece)
-            assert found is not None
-            end = found.end()
+            plain = _PLAIN.match(piece)
+            assert plain is not None
+            end = plain.end()
             stays = piece[end:] + self._rest
             if end:
                 yield json.loads(f'"{piece[:end]}"')
@@ -537,10 +537,10 @@ def check(name: str, console: Shared, body: CheckJob | None = None) -> Accepted:
 @router.get("/jobs/{name}/check")
 def summary(name: str, console: Shared) -> dict[str, Any]:
     """Return the summary of the last check."""
-    found = console.library.summary(name)
-    if found is None:
+    kept = console.library.summary(name)
+    if kept is None:
         raise _not_found(f"{name} has not been checked since its last change")
-    return found
+    return kept
 
 
 @router.get("/jobs/{name}/toolpath")

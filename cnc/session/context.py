@@ -196,7 +196,7 @@ class Observer:
         place = (finding.code, finding.file, finding.line, finding.column)
         if place in self._reported or not self._selection.wants(finding):
             return
-        if sum(each.code == finding.code for each in report.warnings) >= MOST_WARNINGS:
+        if sum(warning.code == finding.code for warning in report.warnings) >= MOST_WARNINGS:
             report.hidden_warnings += 1
             return
         self._reported.add(place)

@@ -95,7 +95,7 @@ class PlannedMotion:
         largest.normal_accel, largest.chord_error = audit.normal_accel, audit.chord_error
         largest.step_deviation = audit.step_deviation
         joints, tip = self._machine.joint_tables, planner.limits.tip_columns
-        each = zip(
+        values = zip(
             joints,
             audit.axis_velocity[tip:].tolist(),
             audit.axis_acceleration[tip:].tolist(),
@@ -103,7 +103,7 @@ class PlannedMotion:
             strict=True,
         )
         largest.axes = {
-            axis: {"velocity": v, "acceleration": a, "jerk": j} for axis, v, a, j in each
+            axis: {"velocity": v, "acceleration": a, "jerk": j} for axis, v, a, j in values
         }
         report.violations.update(audit.violations)
 

@@ -160,13 +160,13 @@ class CapabilityCheck:
         cls, board: PulseSink | LineSink | None, name: str | None, machine: Machine, attended: bool
     ) -> CapabilityCheck:
         """Return the check for a board, or for none."""
-        known = machine.board.kind if name is None else name
+        kind = machine.board.kind if name is None else name
         can = expected_capabilities(machine) if board is None else board.capabilities
-        lines = takes_lines(known) if board is None else board.takes == "lines"
+        lines = takes_lines(kind) if board is None else board.takes == "lines"
         if can is None:
-            return cls(known, False, True, True, lines, ACTIONS, False, attended)
+            return cls(kind, False, True, True, lines, ACTIONS, False, attended)
         return cls(
-            known,
+            kind,
             board is not None,
             can.senses,
             can.probes,

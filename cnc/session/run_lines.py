@@ -311,9 +311,9 @@ def stream(
         return run.outcome(stopped=control.stopped)
     except BoardError as error:
         _abort(board)
-        found = error.diagnostic
+        finding = error.diagnostic
         raise error.at(
-            file=found.file or run.file, line=found.line or board.confirmed_line
+            file=finding.file or run.file, line=finding.line or board.confirmed_line
         ) from error
     except BaseException:
         _abort(board)
@@ -391,9 +391,9 @@ class PresentLine:
         """
         for lines in reversed(self._steps):
             rows = lines.rows[:sent][-KEPT_LINES:]
-            for found in np.flatnonzero(rows["line"] == line)[::-1]:
-                if rows["kind"][found] in FEEDS:
-                    return float(rows["feed"][found])
+            for row in np.flatnonzero(rows["line"] == line)[::-1]:
+                if rows["kind"][row] in FEEDS:
+                    return float(rows["feed"][row])
             # All lines of the steps before were sent.
             sent = None
         return None
@@ -598,14 +598,14 @@ class LinePass:
 
     def _largest(self) -> Extremes:
         """Return the largest values of the motion as the board plans it."""
-        found = self.timing.largest
+        largest = self.timing.largest
         return Extremes(
-            feed=found.speed,
-            accel=found.acceleration,
+            feed=largest.speed,
+            accel=largest.acceleration,
             axes={
                 letter: {"velocity": velocity, "acceleration": acceleration, "jerk": None}
                 for letter, velocity, acceleration in zip(
-                    BOARD_LETTERS.lower(), found.velocities, found.accelerations, strict=False
+                    BOARD_LETTERS.lower(), largest.velocities, largest.accelerations, strict=False
                 )
                 if letter in self._context.reader.machine.axes
             },
@@ -619,9 +619,9 @@ class LinePass:
             BOARD_LETTERS.lower(), own.rates, own.accelerations, strict=False
         ):
             if letter in axes:
-                known = {"velocity": velocity, "acceleration": acceleration}
+                candidates = {"velocity": velocity, "acceleration": acceleration}
                 axes[letter] = axes[letter] | {
-                    name: value for name, value in known.items() if value < math.inf
+                    name: value for name, value in candidates.items() if value < math.inf
                 }
         return replace(limits, axes=axes)
 

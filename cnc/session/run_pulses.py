@@ -296,8 +296,8 @@ class _Run:
             return
         block, reply = self._probing
         self._probing = None
-        found = self.board.probe_result()
-        reply = reply if found is None else found
+        contact = self.board.probe_result()
+        reply = reply if contact is None else contact
         block.answer.values = reply
         if reply is not None:
             self.interpolator.stand_at(self.board.position_steps)
@@ -410,9 +410,9 @@ def execute(
         return _run_program(run, plan_stream, control, ramp_down)
     except BoardError as error:
         _abort(board)
-        found = error.diagnostic
+        finding = error.diagnostic
         raise error.at(
-            file=found.file or run.file, line=found.line or board.confirmed_line
+            file=finding.file or run.file, line=finding.line or board.confirmed_line
         ) from error
     except CncError:
         # A fault of the program: a machine comes to rest on the path, a recording is discarded.

@@ -98,9 +98,9 @@ class RunRecord:
 
     def read_checkpoint(self) -> None:
         """Read the checkpoint of the last run of this program, and warn if it matters."""
-        context, known = self._context, self._capabilities
+        context, capabilities = self._context, self._capabilities
         reader, report, line = context.reader, context.report, context.options.from_line
-        if not known.real or report.program in WITHOUT_FILE:
+        if not capabilities.real or report.program in WITHOUT_FILE:
             return
         self._hash = file_hash(reader.path)
         last, warnings = Checkpoint.read(report.program)
@@ -109,7 +109,7 @@ class RunRecord:
         if last is None:
             return
         unchanged = last.sha256 == self._hash
-        same_machine = (last.machine, last.board) == (reader.machine.name, known.board)
+        same_machine = (last.machine, last.board) == (reader.machine.name, capabilities.board)
         if line is not None and unchanged and same_machine:
             self._last_run = last
         if unchanged and last.line and not last.ended:
@@ -134,7 +134,7 @@ class RunRecord:
 
     def begin(self, board: PulseSink | LineSink) -> None:
         """Begin the records of this run; the machine is about to move."""
-        context, known = self._context, self._capabilities
+        context, capabilities = self._context, self._capabilities
         if self._position_check is not None:
             self._position_check.begin()
         checks_only = board.takes == "lines" and board.check_only
@@ -147,7 +147,7 @@ class RunRecord:
                 program=context.report.program,
                 sha256=self._hash,
                 machine=machine.name,
-                board=known.board,
+                board=capabilities.board,
                 # The lines before were done by an earlier run.
                 line=context.options.from_line or 0,
             )
@@ -179,12 +179,12 @@ class RunRecord:
 
     def with_resume_hint(self, error: BoardError) -> BoardError:
         """Return the error with a hint of the line to continue at, if it is known."""
-        found, line = error.diagnostic, self._context.report.resume_line
+        finding, line = error.diagnostic, self._context.report.resume_line
         if line is None:
             return error
         hint = f"continue with --from-line {line}"
         return type(error)(
-            replace(found, hint=f"{found.hint}; then {hint}" if found.hint else hint)
+            replace(finding, hint=f"{finding.hint}; then {hint}" if finding.hint else hint)
         )
 
     def _line_to_continue_at(self, line: int) -> int:
@@ -582,5 +582,5 @@ class Session:
         """Report findings that lack their source line."""
         name = self.report.program
         faults = [GcodeError(finding).at(file=finding.file or name) for finding in findings]
-        for found in with_source_lines(faults, {self.report.program: self._context.reader.path}):
-            self._context.observer.warn(found.diagnostic)
+        for fault in with_source_lines(faults, {self.report.program: self._context.reader.path}):
+            self._context.observer.warn(fault.diagnostic)

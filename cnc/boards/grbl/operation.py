@@ -249,10 +249,10 @@ class GrblOperation:
         length = [0.0] * len(position)
         if len(length) > 2:
             length[2] = board.info.tool_length
-        each = zip(
+        parts = zip(
             position, places.get(system, nothing), places.get("G92", nothing), length, strict=False
         )
-        return tuple(a - b - c - d for a, b, c, d in each)
+        return tuple(a - b - c - d for a, b, c, d in parts)
 
     def _refuse_if_locked(self) -> None:
         """Raise BoardError ``board-locked`` while the board is in alarm."""
@@ -278,7 +278,7 @@ class GrblOperation:
             board.restore_shift(dict(zip(AXIS_LETTERS, shift, strict=False)))
         status = link.refresh()
         if status.locked:
-            pressed = "".join(each for each in status.pins if each.lower() in AXIS_LETTERS)
+            pressed = "".join(pin for pin in status.pins if pin.lower() in AXIS_LETTERS)
             if pressed and board.info.hard_limits and not at_switch:
                 raise faults.at_switch(pressed)
             link.ask("$X")

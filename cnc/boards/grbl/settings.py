@@ -128,27 +128,27 @@ class BoardInfo:
 
     def take(self, answers: Sequence[Feedback | Setting]) -> None:
         """Note the answers to ``$I``, ``$$`` and, last, ``$#``."""
-        for each in answers:
-            if isinstance(each, Setting):
-                self.settings[each.number] = each.value
-            elif each.kind == "VER":
-                self.build = each.text.rstrip(":")
-            elif each.kind == "OPT":
-                self._options(each.text)
-            elif each.kind == "AXS":
-                self.letters = each.text.partition(":")[2].upper()
-            elif each.kind == "NEWOPT":
-                self.extensions = frozenset(each.text.upper().split(","))
-            elif each.kind == "FIRMWARE" and "grblhal" in each.text.lower():
+        for answer in answers:
+            if isinstance(answer, Setting):
+                self.settings[answer.number] = answer.value
+            elif answer.kind == "VER":
+                self.build = answer.text.rstrip(":")
+            elif answer.kind == "OPT":
+                self._options(answer.text)
+            elif answer.kind == "AXS":
+                self.letters = answer.text.partition(":")[2].upper()
+            elif answer.kind == "NEWOPT":
+                self.extensions = frozenset(answer.text.upper().split(","))
+            elif answer.kind == "FIRMWARE" and "grblhal" in answer.text.lower():
                 self.kind = Firmware.HAL
-            elif each.kind in ABOUT:
-                self.about.append(f"{each.kind}: {each.text}")
-            elif each.kind in PLACES:
-                self.four_decimals = self.fluid and _INCHES.match(each.text) is not None
-                self.places[each.kind] = self._lengths(each.text)
-            elif each.kind == "TLO":
+            elif answer.kind in ABOUT:
+                self.about.append(f"{answer.kind}: {answer.text}")
+            elif answer.kind in PLACES:
+                self.four_decimals = self.fluid and _INCHES.match(answer.text) is not None
+                self.places[answer.kind] = self._lengths(answer.text)
+            elif answer.kind == "TLO":
                 # GRBL reports one number, grblHAL one for each axis.
-                lengths = self._lengths(each.text)
+                lengths = self._lengths(answer.text)
                 self.tool_length = (
                     (lengths[2] if len(lengths) > 2 else lengths[0]) if lengths else 0.0
                 )
@@ -213,7 +213,7 @@ class BoardInfo:
 
     def homes_axis(self, column: int) -> bool:
         """Whether homing includes an axis: of grblHAL by its cycles, of other boards all."""
-        masks = [int(mask) for each in HOMING_CYCLES if (mask := self.number(each)) is not None]
+        masks = [int(mask) for cycle in HOMING_CYCLES if (mask := self.number(cycle)) is not None]
         return (
             self.kind is not Firmware.HAL or not masks or any(mask >> column & 1 for mask in masks)
         )

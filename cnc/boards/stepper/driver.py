@@ -122,11 +122,11 @@ class Stepper(PulseBoard):
             self._supervisor.refuse_after_fault()
             inputs = self._supervisor.ask().inputs
         limits = self._motors.limits
-        found = (
+        pressed = (
             tuple(bool(inputs >> k & 1) for k in self._motors.of_axis(column) if limits >> k & 1)
             for column in range(len(self._machine.axes))
         )
-        return tuple(each for each in found if each)
+        return tuple(axis for axis in pressed if axis)
 
     def prepare_next_start(self, *, watched: Sequence[bool], known: Sequence[bool]) -> None:
         """Set conditions for the next start alone.
