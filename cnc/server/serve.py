@@ -37,10 +37,8 @@ from cnc.model.diagnostics import BoardError, CncError, Diagnostic, UsageError
 from cnc.operate.events import Finding, as_object
 from cnc.operate.operator_session import OperatorSession
 from cnc.operate.probing import shipped_cycles
-from cnc.operate.remote_session import RemoteSession
+from cnc.operate.remote_session import SWITCH_S, RemoteSession
 from cnc.server import routes
-from cnc.server import routes as height_map_routes
-from cnc.server import routes as job_routes
 from cnc.server.console import Client, Console, encoded
 from cnc.server.library import OWN, Library
 from cnc.server.security import Access, Guard, Rates, link
@@ -202,8 +200,6 @@ def create_app(console: Console, access: Access, rates: Rates | None = None) -> 
     )
     app.state.console = console
     app.include_router(routes.router)
-    app.include_router(job_routes.router)
-    app.include_router(height_map_routes.router)
     app.add_api_websocket_route("/api/events", _events)
     app.add_api_route("/", _index, include_in_schema=False)
     app.add_api_route("/page/{name}", _page, include_in_schema=False)
@@ -335,8 +331,6 @@ PING = 5.0
 """Time between two pings of a WebSocket, and for its answer, s."""
 HOLD_TIME = 1.0
 """Longest time until the machine has taken a hold, s."""
-SWITCH_S = 0.0005
-"""Time after which a thread gives way to another, s: the machine does not wait for requests."""
 
 
 @dataclass(frozen=True, slots=True)
