@@ -24,7 +24,7 @@ BUILT_IN = {
         ("loopback", "cnc.boards.loopback:Loopback"),
         ("file", "cnc.boards.file:FileBoard"),
         ("grbl", "cnc.boards.grbl.driver:GrblBoard"),
-        ("grbl-sim", "cnc.simulators.grbl.ports:GrblSimulatorBoard"),
+        ("grbl-sim", "cnc.simulators.grbl.board:GrblSimulatorBoard"),
         ("klipper", "cnc.boards.klipper.driver:Klipper"),
         ("klipper-sim", "cnc.simulators.klipper.ports:KlipperSimulatorBoard"),
         ("stepper", "cnc.boards.stepper.driver:Stepper"),
