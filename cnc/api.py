@@ -17,6 +17,7 @@ UsageError and MachineFileError.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
@@ -295,10 +296,10 @@ def home(
         if owned:
             opened.close()
     joints = Joints(known)
-    found = np.array([np.nan if steps is None else steps for steps in positions])
-    tip = joints.tip(found / joints.machine.steps_per_mm)
-    each = zip(known.axes, tip.tolist(), strict=True)
-    return {letter: None if place != place else place for letter, place in each}
+    steps = np.array([np.nan if count is None else count for count in positions])
+    tip = joints.tip(steps / joints.machine.steps_per_mm)
+    places = zip(known.axes, tip.tolist(), strict=True)
+    return {letter: None if math.isnan(place) else place for letter, place in places}
 
 
 def _loaded(machine: MachineChoice) -> Machine:

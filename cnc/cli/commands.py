@@ -17,6 +17,7 @@ import cnc
 from cnc.cli.keyboard import Keyboard
 from cnc.cli.messages import EXIT_PIPE, close_log, fail, internal_error, usage
 from cnc.cli.operate_commands import (
+    TERMINAL,
     boards,
     height_map,
     home,
@@ -114,7 +115,6 @@ app.command(mdi)
 app.command(height_map)
 app.command(serve)
 COMMON, BOARD, CHECK = CommonOptions(), BoardOptions(), CheckOptions()
-TERMINAL = TerminalOptions()
 
 
 @app.command

@@ -34,6 +34,7 @@ from cnc.model.diagnostics import (
     printable,
 )
 from cnc.model.operator_control import Control
+from cnc.model.units import per_second
 
 if TYPE_CHECKING:
     from concurrent.futures import Future
@@ -53,7 +54,6 @@ _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)"
 SPAN = re.compile(rf"([xyXY])({_NUMBER}):({_NUMBER})", re.ASCII)
 POLL = 0.1
 """Time between two looks at a signal, s."""
-MM_PER_MIN = 60.0
 T = TypeVar("T")
 
 
@@ -93,7 +93,7 @@ def jog(
     """
     wanted = _words(distances, "X10")
     with _session(terminal, machine, board, port) as (session, signals):
-        mm_s = None if feed is None else feed / MM_PER_MIN
+        mm_s = None if feed is None else per_second(feed)
         _wait(session, signals, session.jog_step(wanted, mm_s, unhomed=unhomed))
         _show_position(session, terminal)
         return EXIT_STOPPED if signals.stopped else 0

@@ -481,7 +481,7 @@ def _offsets_file(board: str) -> Path:
 
 # Offsets of a board that plans for itself: the program is read with them, and writes them back.
 
-SYSTEMS = ("G54", "G55", "G56", "G57", "G58", "G59")
+SYSTEMS = numbers.SYSTEMS[:6]
 FIRST_PARAMETERS = {
     "G28": numbers.G28_POSITION,
     "G30": numbers.G30_POSITION,

@@ -7,7 +7,6 @@ answers decide how the program continues.
 
 from __future__ import annotations
 
-import contextlib
 import math
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -39,7 +38,7 @@ from cnc.session.context import SessionContext
 from cnc.session.planned_motion import PlannedMotion
 from cnc.session.position_check import offset_lines
 from cnc.session.required_capabilities import pause_reason, pause_text
-from cnc.session.run_pulses import Progress
+from cnc.session.run_pulses import Progress, abort
 
 # Execution of a path on a line board, as lines that are sent as fast as the board accepts them.
 #
@@ -310,20 +309,14 @@ def stream(
             board.stop()
         return run.outcome(stopped=control.stopped)
     except BoardError as error:
-        _abort(board)
+        abort(board)
         finding = error.diagnostic
         raise error.at(
             file=finding.file or run.file, line=finding.line or board.confirmed_line
         ) from error
     except BaseException:
-        _abort(board)
+        abort(board)
         raise
-
-
-def _abort(board: LineSink) -> None:
-    """Abort the board and ignore its faults, because the original fault matters more."""
-    with contextlib.suppress(BoardError):
-        board.abort()
 
 
 # The line of the program that the machine carries out: its text, programmed feed and tool.

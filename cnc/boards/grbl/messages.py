@@ -174,7 +174,6 @@ class Messages:
 # State and position are always present. All other fields are optional and come in any order. WCO
 # and Ov come at intervals and hold until they come again. Lengths are in inches where ``$13=1``.
 
-MM_PER_INCH = 25.4
 
 MOVING = frozenset(("Run", "Jog", "Home"))
 """States of a machine in motion (in a dwell it is Idle)."""

@@ -9,10 +9,12 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from cnc.boards.grbl.messages import MM_PER_INCH, Feedback, Firmware, Setting, in_mm
+from cnc.boards.grbl.messages import Feedback, Firmware, Setting, in_mm
 from cnc.boards.grbl.protocol import RX_BYTES
 from cnc.machine.models import Machine
+from cnc.model import parameter_numbers as numbers
 from cnc.model.blocks import AXIS_LETTERS
+from cnc.model.units import MM_PER_INCH
 
 ARC_TOLERANCE, JUNCTION_DEVIATION, REPORT_INCHES, SOFT_LIMITS, HARD_LIMITS = 12, 11, 13, 20, 21
 TOOL_CHANGE_MODE = 341
@@ -28,7 +30,7 @@ HOMING_CYCLES = range(44, 50)
 ROTARY_AXES = 376
 STEPS, RATES, ACCELERATIONS, TRAVELS = 100, 110, 120, 130
 """Numbers of the settings of the X axis; the other axes follow. Steps/mm, mm/min, mm/s^2, mm."""
-SYSTEMS = ("G54", "G55", "G56", "G57", "G58", "G59")
+SYSTEMS = numbers.SYSTEMS[:6]
 PLACES = (*SYSTEMS, "G28", "G30", "G92")
 ABOUT = ("DRIVER", "DRIVER VERSION", "BOARD", "SIGNALS", "AUX IO", "PLUGIN")
 """Lines of grblHAL's ``$I+`` that describe the board."""

@@ -11,11 +11,11 @@ import math
 import re
 from dataclasses import dataclass, field, replace
 
+from cnc.model.units import MM_PER_INCH
 from cnc.simulators.grbl.planner import Point
 
 # The words of a line: modal groups, the parser's modes, and the errors of single words.
 
-MM_PER_INCH = 25.4
 AXES = "XYZ"
 PLANES = {"G17": (0, 1, 2), "G18": (2, 0, 1), "G19": (1, 2, 0)}
 """First, second and normal axis."""
