@@ -17,12 +17,13 @@ UsageError and MachineFileError.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cnc.batch import pool
 from cnc.boards.protocols import LineSink, PulseSink
 from cnc.boards.registry import open_board
 from cnc.checks.selection import Selection
@@ -36,17 +37,17 @@ from cnc.planner.joints import Joints
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
 from cnc.report.result import Report
+from cnc.session import homing
 from cnc.session.context import Callbacks
+from cnc.session.homing import AxisHoming, Squared
 from cnc.session.kernel_cache import ensure_compiled
 from cnc.session.kernel_needs import moving_jobs
 from cnc.session.options import Outputs, RunOptions
 from cnc.session.pipeline import path_of
+from cnc.session.position_check import home_by_board
 from cnc.session.program_reader import start_position
 from cnc.session.run_pulses import Progress
 from cnc.session.session import Session
-
-if TYPE_CHECKING:
-    from cnc.session.homing import AxisHoming, Squared
 
 __all__ = [
     "Block",
@@ -161,8 +162,6 @@ def check_many(
         UsageError: If an option is wrong.
         MachineFileError: If the machine file is wrong.
     """
-    from cnc.batch import pool  # a check of one program does not need it
-
     names = [str(program) for program in programs]
     return pool.check_many(names, _loaded(machine), options, jobs=jobs, scheduler=scheduler)
 
@@ -272,12 +271,8 @@ def home(
 
     try:
         if opened.takes == "lines":
-            from cnc.session.position_check import home_by_board
-
             return dict(home_by_board(opened, known, axes, control or Control()))
         ensure_compiled(seen.on_compiling, seen.on_kernel, moving_jobs(opened))
-        from cnc.session import homing
-
         positions = homing.home(
             opened,
             known,
@@ -292,10 +287,10 @@ def home(
         if owned:
             opened.close()
     joints = Joints(known)
-    found = np.array([np.nan if steps is None else steps for steps in positions])
-    tip = joints.tip(found / joints.machine.steps_per_mm)
-    each = zip(known.axes, tip.tolist(), strict=True)
-    return {letter: None if place != place else place for letter, place in each}
+    steps = np.array([np.nan if count is None else count for count in positions])
+    tip = joints.tip(steps / joints.machine.steps_per_mm)
+    places = zip(known.axes, tip.tolist(), strict=True)
+    return {letter: None if math.isnan(place) else place for letter, place in places}
 
 
 def _loaded(machine: MachineChoice) -> Machine:

@@ -14,10 +14,13 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any
 
+from cnc.batch.dask_cluster import check_on
 from cnc.batch.task import Prepare, Task
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import CncError, Diagnostic, UsageError
 from cnc.report.result import Report
+from cnc.session.kernel_cache import ensure_compiled
+from cnc.session.kernel_jobs import CHECKING
 from cnc.session.options import RunOptions
 from cnc.session.program_reader import STANDARD_INPUT
 
@@ -79,8 +82,6 @@ def check_many(
             tasks, min(jobs or cores(), len(tasks)), on_compiling or (lambda: None)
         )
     else:
-        from cnc.batch.dask_cluster import check_on
-
         outcomes = check_on(scheduler, tasks)
     finished: dict[int, Report | CncError] = {}
     with closing(outcomes):
@@ -92,10 +93,10 @@ def check_many(
                 count += 1
                 if on_done is not None:
                     on_done(count)
-            found = finished.pop(index)
-            if isinstance(found, CncError):
-                raise found
-            yield found
+            outcome_due = finished.pop(index)
+            if isinstance(outcome_due, CncError):
+                raise outcome_due
+            yield outcome_due
 
 
 def _check_locally(
@@ -146,9 +147,6 @@ class _Pool:
 
     def _from_standard_input(self, task: Task) -> Report | CncError:
         """Check standard input here: that of a worker transfers its tasks."""
-        from cnc.session.kernel_cache import ensure_compiled
-        from cnc.session.kernel_jobs import CHECKING
-
         with self._preparing:
             ensure_compiled(self._on_compiling, jobs=CHECKING)
         return task.perform()
@@ -181,10 +179,10 @@ class _Worker:
         """Return the outcome of a task, also if the process dies."""
         end = ""
         for _ in range(ATTEMPTS):
-            known = self._process
-            process = known or self._start()
+            running = self._process
+            process = running or self._start()
             try:
-                if known is None:
+                if running is None:
                     self._prepare(process)
                 _ask(process, task)
                 outcome: Report | CncError = _answer(process)

@@ -18,6 +18,7 @@ from cnc.session.kernel_cache import ensure_compiled
 from cnc.session.kernel_jobs import CHECKING
 from cnc.session.options import RunOptions
 from cnc.session.program_reader import InlineProgram, display_name
+from cnc.session.session import Session
 
 
 class Prepare:
@@ -45,8 +46,6 @@ class Task:
         Returns:
             The report, or the fault of a machine or an option that is wrong for every program.
         """
-        from cnc.session.session import Session
-
         try:
             return Session(self.program, self.machine, self.options).run()
         except CncError as error:

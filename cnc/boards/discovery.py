@@ -75,26 +75,26 @@ def probe_ports(ports: Sequence[str] = (), baud: int = 115200) -> list[FoundBoar
         ports: Names of the ports; all ports of this computer if there are none.
         baud: Speed of the ports, bits/s.
     """
-    found = found_ports()
-    numbers = Counter(port.serial_number for port in found)
-    known = {port.name: port for port in found}
-    names = [port_of(name) for name in ports] or list(known)
+    present = found_ports()
+    numbers = Counter(port.serial_number for port in present)
+    by_name = {port.name: port for port in present}
+    names = [port_of(name) for name in ports] or list(by_name)
     if not names:
         return []
     with ThreadPoolExecutor(len(names)) as pool:
         probed = list(
-            pool.map(lambda name: _probe(name, known.get(name, FoundPort(name, "")), baud), names)
+            pool.map(lambda name: _probe(name, by_name.get(name, FoundPort(name, "")), baud), names)
         )
     return [
-        replace(each, serial_number=port.serial_number)
-        if (port := known.get(each.port)) is not None and numbers[port.serial_number] == 1
-        else each
-        for each in probed
+        replace(board, serial_number=port.serial_number)
+        if (port := by_name.get(board.port)) is not None and numbers[port.serial_number] == 1
+        else board
+        for board in probed
     ]
 
 
-def _probe(name: str, found: FoundPort, baud: int) -> FoundBoard:
-    description = found.description
+def _probe(name: str, port_seen: FoundPort, baud: int) -> FoundBoard:
+    description = port_seen.description
     try:
         port = open_port(name, baud)
     except BoardError as error:
@@ -118,27 +118,27 @@ def _probe(name: str, found: FoundPort, baud: int) -> FoundBoard:
         speed = baud if baud >= MIN_BAUD else KLIPPER_BAUD
         with suppress(BoardError):
             port.change_baud(speed)
-            known = KlipperConnection(port, SystemClock(), name)
-            return FoundBoard(name, description, klipper=read_info(known, HELLO_S), baud=speed)
+            klipper = KlipperConnection(port, SystemClock(), name)
+            return FoundBoard(name, description, klipper=read_info(klipper, HELLO_S), baud=speed)
         return FoundBoard(name, description, fault=error)
     finally:
         link.close()
 
 
-def port_report(found: FoundBoard, baud: int = 115200) -> Iterator[str]:
+def port_report(board: FoundBoard, baud: int = 115200) -> Iterator[str]:
     """Yield the lines of the report on a port: comments of TOML, then the machine file.
 
     Args:
-        found: The port and its board.
+        board: The port and its board.
         baud: Speed of the port for the machine file, bits/s.
     """
-    number = f"serial number {found.serial_number}" if found.serial_number else ""
-    yield "  ".join(each for each in (f"# {found.port}", found.description, number) if each)
-    if found.stepper is not None:
-        yield from stepper_report(found.port, found.stepper, found.baud)
-    elif found.klipper is not None:
-        yield from klipper_report(found.lasting_port, found.klipper, found.baud)
-    elif found.info is not None and found.status is not None:
-        yield from grbl_report(found.lasting_port, found.info, found.status, baud)
-    elif found.fault is not None:
-        yield f"# {found.fault.diagnostic.message}"
+    number = f"serial number {board.serial_number}" if board.serial_number else ""
+    yield "  ".join(part for part in (f"# {board.port}", board.description, number) if part)
+    if board.stepper is not None:
+        yield from stepper_report(board.port, board.stepper, board.baud)
+    elif board.klipper is not None:
+        yield from klipper_report(board.lasting_port, board.klipper, board.baud)
+    elif board.info is not None and board.status is not None:
+        yield from grbl_report(board.lasting_port, board.info, board.status, baud)
+    elif board.fault is not None:
+        yield f"# {board.fault.diagnostic.message}"

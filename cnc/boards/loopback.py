@@ -1,4 +1,7 @@
-"""The loopback board: counts steps, keeps positions, and checks pulses as a real board would."""
+"""The loopback board: counts steps, keeps positions, and checks pulses as a real board would.
+
+One variant has simulated limit switches, another plays in real time.
+"""
 
 from __future__ import annotations
 
@@ -366,7 +369,7 @@ class SwitchedLoopback(Loopback):
 
     def _motors(self, column: int) -> list[int]:
         """Return the motors that have a switch in a column."""
-        return sorted(motor for each, motor in self.places if each == column)
+        return sorted(motor for moved, motor in self.places if moved == column)
 
     def _closed(self, column: int, motor: int, ahead: float = 0.0) -> bool:
         """Return whether a switch is closed; ``ahead`` is a further travel of its axis."""
@@ -406,8 +409,8 @@ def switch_places(machine: Machine) -> SwitchPlaces:
         rest = axis.travel[1 if towards > 0 else 0]
         rest = rest if settings.position is None else settings.position
         stands = min(max(0.0, axis.travel[0]), axis.travel[1])
-        for motor, each in enumerate(axis.motors):
-            at = rest + towards * settings.pull_off + each.offset - stands
+        for motor, motor_table in enumerate(axis.motors):
+            at = rest + towards * settings.pull_off + motor_table.offset - stands
             in_steps = letter not in belts
             places[column, motor] = towards, round(at * axis.steps_per_mm) if in_steps else at
     return places
@@ -422,7 +425,7 @@ def _moved_by(machine: Machine) -> list[dict[int, float]]:
     names = [str(name) for name in joints.axes]
     if not isinstance(kinematics, CoreXY | CoreXZ):
         return [{column: 1} for column in range(len(names))]
-    a, b = (names.index(each) for each in kinematics.joints)
+    a, b = (names.index(joint) for joint in kinematics.joints)
     half_a, half_b = 0.5 / joints.steps_per_mm[a], 0.5 / joints.steps_per_mm[b]
     first, second = kinematics.axes
     belts = {first: {a: half_a, b: half_b}, second: {a: half_a, b: -half_b}}

@@ -1,4 +1,6 @@
-"""Protocols of a serial port and of its clock, so that tests can replace both.
+"""Protocols of a serial port and of its clock, and the log of what passes a port.
+
+The protocols let tests replace both.
 
 A driver reads and writes in one thread. It waits only in :meth:`Port.read`. Therefore an in-process
 board may answer in virtual time: its port advances the clock by the time waited.

@@ -1,4 +1,4 @@
-"""Boards: the two kinds of board, what each states of itself, and the methods of its driver.
+"""Boards: the two kinds, the properties that each states, its methods, and the faults of boards.
 
 A driver takes time-stamped chunks ahead of time, and the board plays them. The states of a board:
 
@@ -317,7 +317,7 @@ class PulseSink(Board, Protocol):
     @property
     def switches(self) -> tuple[bool, ...]:
         """Whether a limit switch of each axis that has one is closed now."""
-        return tuple(any(each) for each in self.motor_switches)
+        return tuple(any(pressed) for pressed in self.motor_switches)
 
     def prepare_next_start(self, *, watched: Sequence[bool], known: Sequence[bool]) -> None:
         """Set conditions for the next start alone.

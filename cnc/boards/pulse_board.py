@@ -383,8 +383,8 @@ class MachinePosition:
     def known_steps(self, steps: NDArray[np.int64]) -> tuple[int | None, ...]:
         """Return a grid point (axes,) with None for each axis whose position is not known."""
         return tuple(
-            count if known else None
-            for count, known in zip(steps.tolist(), self.known.tolist(), strict=True)
+            count if certain else None
+            for count, certain in zip(steps.tolist(), self.known.tolist(), strict=True)
         )
 
     def mm(self, steps: NDArray[np.int64]) -> tuple[float, ...]:

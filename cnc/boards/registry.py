@@ -24,7 +24,7 @@ BUILT_IN = {
         ("loopback", "cnc.boards.loopback:Loopback"),
         ("file", "cnc.boards.file:FileBoard"),
         ("grbl", "cnc.boards.grbl.driver:GrblBoard"),
-        ("grbl-sim", "cnc.simulators.grbl.ports:GrblSimulatorBoard"),
+        ("grbl-sim", "cnc.simulators.grbl.board:GrblSimulatorBoard"),
         ("klipper", "cnc.boards.klipper.driver:Klipper"),
         ("klipper-sim", "cnc.simulators.klipper.ports:KlipperSimulatorBoard"),
         ("stepper", "cnc.boards.stepper.driver:Stepper"),
@@ -54,9 +54,9 @@ def board_factory(kind: str) -> BoardFactory:
         UsageError: ``unknown-board``, or ``board-not-loadable`` if the import fails.
     """
     # The search of all installed packages takes tenths of a second.
-    known = BUILT_IN if kind in BUILT_IN else _known()
-    if kind not in known:
-        close = difflib.get_close_matches(kind, known, n=1)
+    entries = BUILT_IN if kind in BUILT_IN else _known()
+    if kind not in entries:
+        close = difflib.get_close_matches(kind, entries, n=1)
         hint = (
             f"did you mean {close[0]}?"
             if close
@@ -70,7 +70,7 @@ def board_factory(kind: str) -> BoardFactory:
             )
         )
     try:
-        factory = cast(BoardFactory, known[kind].load())
+        factory = cast(BoardFactory, entries[kind].load())
         if not isinstance(factory.traits, BoardTraits):
             raise AttributeError(f"its traits are not BoardTraits but {factory.traits!r}")
         if factory.takes not in ("pulses", "lines"):
@@ -81,7 +81,7 @@ def board_factory(kind: str) -> BoardFactory:
         raise UsageError(
             Diagnostic(
                 "board-not-loadable",
-                f"the driver {known[kind].value} does not load: {error}",
+                f"the driver {entries[kind].value} does not load: {error}",
                 hint=hint,
             )
         ) from error

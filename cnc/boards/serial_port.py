@@ -1,9 +1,11 @@
-"""Serial ports: the only module that imports pyserial, and only when a port is used.
+"""Ports of boards, serial ones and WebSockets.
+
+Only this module imports pyserial and websockets, and only when a port is used.
 
 A port has the name that the operating system gives it (``/dev/ttyUSB0``, ``COM3``, a
 pseudo-terminal), or it is one of pyserial's URLs (``socket://host:port``, ``loop://``,
-``rfc2217://..``): pyserial documentation, "URL Handlers". ``ws://host:port`` is a WebSocket
-(:mod:`cnc.boards.serial_port`). ``usb:NUMBER`` is the port of the USB device with this serial
+``rfc2217://..``): pyserial documentation, "URL Handlers". ``ws://host:port`` is a WebSocket.
+``usb:NUMBER`` is the port of the USB device with this serial
 number, whatever name it has now.
 """
 
@@ -22,12 +24,15 @@ from cnc.boards.port import port_lost
 from cnc.boards.protocols import board_error
 from cnc.model.diagnostics import BoardError
 
+if sys.platform != "win32":
+    import termios
+
 if TYPE_CHECKING:
     from serial import SerialBase
     from websockets.sync.client import ClientConnection
 
 
-# Boards at a WebSocket (``ws://host:port``): the only module that imports websockets.
+# Boards at a WebSocket (``ws://host:port``).
 #
 # FluidNC and grblHAL offer one beside their TCP port. Bytes travel in binary frames, because
 # real-time commands above 0x7F are no text. Text frames carry lines, too, and messages to FluidNC's
@@ -43,12 +48,17 @@ class WebSocketLink:
     """An open connection (:class:`cnc.boards.port.Port`)."""
 
     def __init__(
-        self, name: str, connection: ClientConnection, resources: contextlib.ExitStack
+        self,
+        name: str,
+        connection: ClientConnection,
+        resources: contextlib.ExitStack,
+        failure: type[Exception],
     ) -> None:
-        """``resources`` closes the connection."""
+        """``resources`` closes the connection; ``failure`` is the error of a lost one."""
         self._name = name
         self._connection = connection
         self._resources = resources
+        self._failure = failure
 
     def read(self, timeout: float) -> bytes:
         """Return the received bytes after at most ``timeout`` s.
@@ -56,8 +66,6 @@ class WebSocketLink:
         Raises:
             PortLost: The connection is lost.
         """
-        from websockets.exceptions import ConnectionClosed
-
         received = b""
         try:
             while True:
@@ -68,7 +76,7 @@ class WebSocketLink:
                     received += data.encode("latin-1", "replace")
         except TimeoutError:
             return received
-        except (ConnectionClosed, OSError) as error:
+        except (self._failure, OSError) as error:
             # What came before the end counts; the next call finds the end again.
             if received:
                 return received
@@ -80,11 +88,9 @@ class WebSocketLink:
         Raises:
             PortLost: The connection is lost.
         """
-        from websockets.exceptions import ConnectionClosed
-
         try:
             self._connection.send(data)
-        except (ConnectionClosed, OSError) as error:
+        except (self._failure, OSError) as error:
             raise port_lost(self._name, "the board has closed it") from error
 
     def change_baud(self, baud: int) -> None:
@@ -107,8 +113,7 @@ def open_websocket(name: str) -> WebSocketLink:
         BoardError: ``port-not-usable``; ``websocket-missing`` if the package is not installed.
     """
     try:
-        from websockets.exceptions import WebSocketException
-        from websockets.sync.client import connect
+        import websockets.sync.client
     except ImportError as error:
         message = f"the port {name} needs {error.name}, which is not installed"
         hint = "pip install 'cncrun[serve]', or use the TCP port of the board: socket://host:port"
@@ -116,7 +121,7 @@ def open_websocket(name: str) -> WebSocketLink:
     resources = contextlib.ExitStack()
     try:
         # The driver itself notices a dead connection; and the board is no web site.
-        opened = connect(
+        opened = websockets.sync.client.connect(
             name,
             open_timeout=OPENING,
             close_timeout=CLOSING,
@@ -125,14 +130,14 @@ def open_websocket(name: str) -> WebSocketLink:
             proxy=None,
         )
         connection = resources.enter_context(opened)
-    except (OSError, ValueError, WebSocketException) as error:
+    except (OSError, ValueError, websockets.WebSocketException) as error:
         hint = (
             "name the board's address and the port of its WebSocket, such as ws://192.168.1.20:81"
         )
         reason = " ".join(str(error).split()) or "no answer"
         message = f"the port {name} is not usable: {reason}"
         raise board_error("port-not-usable", message, hint=hint) from error
-    return WebSocketLink(name, connection, resources)
+    return WebSocketLink(name, connection, resources, websockets.ConnectionClosed)
 
 
 WRITE_TIMEOUT = 2.0
@@ -334,12 +339,12 @@ def identity(name: str) -> str:
         return name
     if name.startswith(BY_NUMBER):
         return f"usb {name.removeprefix(BY_NUMBER)}"
-    from serial.tools.list_ports import comports
-
     # Windows does not distinguish com3 and COM3.
     port = os.path.normcase(os.path.realpath(name) if os.path.exists(name) else name)
-    devices = ((os.path.normcase(each.device), each.serial_number) for each in comports())
-    number = next((number for device, number in devices if device == port), None)
+    numbers = (
+        device.serial_number for device in found_ports() if os.path.normcase(device.name) == port
+    )
+    number = next(numbers, "")
     if number:
         return f"usb {number}"
     if port.startswith("/dev/pts/") and os.path.exists(port):
@@ -349,10 +354,8 @@ def identity(name: str) -> str:
 
 def _keep_dtr(serial: SerialBase) -> None:
     """Keep DTR high when the port is closed, where the system supports that."""
-    with contextlib.suppress(ImportError, OSError, ValueError, AttributeError):
-        import termios
-
-        with contextlib.suppress(termios.error):
+    if sys.platform != "win32":
+        with contextlib.suppress(OSError, ValueError, AttributeError, termios.error):
             settings = termios.tcgetattr(serial.fileno())
             settings[2] &= ~termios.HUPCL
             termios.tcsetattr(serial.fileno(), termios.TCSANOW, settings)
@@ -364,8 +367,8 @@ def found_ports() -> list[FoundPort]:
 
     return sorted(
         (
-            FoundPort(each.device, each.description or "", each.serial_number or "")
-            for each in comports()
+            FoundPort(device.device, device.description or "", device.serial_number or "")
+            for device in comports()
         ),
         key=lambda port: port.name,
     )

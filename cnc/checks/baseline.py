@@ -36,7 +36,7 @@ class Baseline:
             with open(name, encoding="utf-8") as file:
                 kept = json.load(file)
             programs = kept if isinstance(kept, list) else [kept]
-            self._programs = {_key(each["program"]): _Earlier(each) for each in programs}
+            self._programs = {_key(summary["program"]): _Earlier(summary) for summary in programs}
         except OSError as error:
             raise _unreadable(name, error.strerror or str(error)) from None
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
@@ -85,7 +85,7 @@ class _Earlier:
             str(axis): [float(low), float(high)]
             for axis, (low, high) in summary["bounding_box"].items()
         }
-        self.findings = [_finding(each) for each in summary["errors"]]
+        self.findings = [_finding(error) for error in summary["errors"]]
 
 
 def _finding(kept: dict[str, Any]) -> Diagnostic:
@@ -131,35 +131,41 @@ def _matched(
         Findings that are new, those that were there before, and earlier ones that are gone.
     """
 
-    def file(found: Diagnostic) -> str:
-        return "" if found.file in (program, before) else found.file
+    def file(finding: Diagnostic) -> str:
+        return "" if finding.file in (program, before) else finding.file
 
     # From the strictest to the weakest criterion.
     keys: list[Callable[[Diagnostic], Hashable]] = [
-        lambda found: (found.code, file(found), found.line, found.column, found.message),
-        lambda found: (found.code, file(found), found.message),
-        lambda found: (found.code, file(found), found.line),
-        lambda found: found.code if found.code in REPORTED_ONCE else id(found),
+        lambda finding: (
+            finding.code,
+            file(finding),
+            finding.line,
+            finding.column,
+            finding.message,
+        ),
+        lambda finding: (finding.code, file(finding), finding.message),
+        lambda finding: (finding.code, file(finding), finding.line),
+        lambda finding: finding.code if finding.code in REPORTED_ONCE else id(finding),
     ]
     new, gone = list(now), list(then)
     for key in keys:
         left: dict[Hashable, list[Diagnostic]] = {}
-        for each in gone:
-            left.setdefault(key(each), []).append(each)
+        for unpaired in gone:
+            left.setdefault(key(unpaired), []).append(unpaired)
         unmatched = []
-        for each in new:
-            same = left.get(key(each))
+        for unpaired in new:
+            same = left.get(key(unpaired))
             if same:
                 same.pop(0)
             else:
-                unmatched.append(each)
-        new, gone = unmatched, [each for same in left.values() for each in same]
-    new_ids = {id(each) for each in new}
-    gone_ids = {id(each) for each in gone}
+                unmatched.append(unpaired)
+        new, gone = unmatched, [unpaired for same in left.values() for unpaired in same]
+    new_ids = {id(unpaired) for unpaired in new}
+    gone_ids = {id(unpaired) for unpaired in gone}
     return (
         new,
-        [each for each in now if id(each) not in new_ids],
-        [each for each in then if id(each) in gone_ids],
+        [unpaired for unpaired in now if id(unpaired) not in new_ids],
+        [unpaired for unpaired in then if id(unpaired) in gone_ids],
     )
 
 

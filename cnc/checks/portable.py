@@ -92,19 +92,21 @@ def portability(
         others: the dialects to compare with.
         faults: the faults under ``dialect``, which are not reported again.
     """
-    known = {_place(fault.diagnostic) for fault in faults}
+    reported = {_place(fault.diagnostic) for fault in faults}
     understood = not any(isinstance(fault, GcodeError) for fault in faults)
     findings: list[GcodeError] = []
     for other in others:
         refused = list(_refused(source, other))
-        findings += [_not_portable(each, other) for each in refused if _place(each) not in known]
+        findings += [
+            _not_portable(refusal, other) for refusal in refused if _place(refusal) not in reported
+        ]
         if not refused and understood and other != dialect:
             findings += _differences(source, dialect, other)
     return findings
 
 
-def _place(found: Diagnostic) -> tuple[str, str, int, int]:
-    return found.code, found.file, found.line, found.column
+def _place(finding: Diagnostic) -> tuple[str, str, int, int]:
+    return finding.code, finding.file, finding.line, finding.column
 
 
 def _refused(source: ProgramText, dialect: str) -> Iterator[Diagnostic]:
@@ -149,19 +151,19 @@ def _line(text: Text, number: int) -> str:
     return window.text(number - window.first)
 
 
-def _not_portable(found: Diagnostic, dialect: str) -> GcodeError:
-    message = f"{dialect} refuses this: {found.message} ({found.code})"
+def _not_portable(refusal: Diagnostic, dialect: str) -> GcodeError:
+    message = f"{dialect} refuses this: {refusal.message} ({refusal.code})"
     # A hint to select another dialect does not help a user who asks about this one.
-    hint = "" if found.hint.startswith("use --dialect") else found.hint
+    hint = "" if refusal.hint.startswith("use --dialect") else refusal.hint
     return GcodeError(
         Diagnostic(
             "not-portable",
             message,
-            found.file,
-            found.line,
-            found.column,
-            found.length,
-            found.text,
+            refusal.file,
+            refusal.line,
+            refusal.column,
+            refusal.length,
+            refusal.text,
             hint,
         )
     )
@@ -188,19 +190,21 @@ class Difference(NamedTuple):
 def _differences(source: ProgramText, dialect: str, other: str) -> Iterator[GcodeError]:
     """Yield the differing lines, each once, up to the first different position."""
     reported: set[tuple[str, int]] = set()
-    for found in _compared(apart(source.blocks(dialect)), apart(source.blocks(other))):
-        if (found.file, found.line) not in reported:
-            reported.add((found.file, found.line))
-            if not (found.theirs and found.ours):
-                what = f"only {other if found.theirs else dialect} continues to this line"
+    for difference in _compared(apart(source.blocks(dialect)), apart(source.blocks(other))):
+        if (difference.file, difference.line) not in reported:
+            reported.add((difference.file, difference.line))
+            if not (difference.theirs and difference.ours):
+                what = f"only {other if difference.theirs else dialect} continues to this line"
             else:
-                what = f"{found.theirs} in {other}, {found.ours} in {dialect}"
+                what = f"{difference.theirs} in {other}, {difference.ours} in {dialect}"
             message = f"{other} reads this differently: {what}"
             hint = "write words that both read alike, or remove those that only one of them needs"
             yield GcodeError(
-                Diagnostic("reads-differently", message, found.file, found.line, hint=hint)
+                Diagnostic(
+                    "reads-differently", message, difference.file, difference.line, hint=hint
+                )
             )
-        if found.last:
+        if difference.last:
             return
 
 
@@ -216,9 +220,9 @@ def _compared(ours: Iterator[Block], theirs: Iterator[Block]) -> Iterator[Differ
         if type(mine) is not type(other):
             yield Difference(mine.file, mine.line, _name(other), _name(mine), True)
             return
-        for found in _fields_compared(mine, other):
-            yield found
-            if found.last:
+        for difference in _fields_compared(mine, other):
+            yield difference
+            if difference.last:
                 return
         mine, other = next(ours, None), next(theirs, None)
     left = mine if mine is not None else other
@@ -300,7 +304,7 @@ def _name(block: Block) -> str:
 
 def _shown(name: str, value: object) -> str:
     if isinstance(value, np.ndarray | tuple):
-        return "(" + ", ".join(f"{float(each):.6g}" for each in np.ravel(value)) + ")"
+        return "(" + ", ".join(f"{float(number):.6g}" for number in np.ravel(value)) + ")"
     if name == "feed" and isinstance(value, float):
         return f"{per_minute(value):.6g} mm/min"
     return f"{value:.6g}" if isinstance(value, float) else str(value)

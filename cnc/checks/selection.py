@@ -1,4 +1,4 @@
-"""Selection of findings: by code on the command line, and by comments in the program.
+"""The catalogue of findings, and their selection: on the command line, or by comments.
 
     G1 X5 F99999 (cnc: ignore feed-unreachable)
 
@@ -69,13 +69,15 @@ def groups() -> dict[str, tuple[Finding, ...]]:
 @cache
 def findings() -> dict[str, Finding]:
     """Return all findings by their codes."""
-    return {each.code: each for group in groups().values() for each in group}
+    return {finding.code: finding for group in groups().values() for finding in group}
 
 
 @cache
 def ignorable_codes() -> tuple[str, ...]:
     """Return the codes of warnings and notes in alphabetical order."""
-    return tuple(sorted(each.code for each in findings().values() if each.severity != "error"))
+    return tuple(
+        sorted(finding.code for finding in findings().values() if finding.severity != "error")
+    )
 
 
 def check_codes(codes: Iterable[str]) -> None:
@@ -106,9 +108,9 @@ def markdown() -> str:
     ]
     for title, group in groups().items():
         lines += [f"## {title}", ""]
-        for each in group:
-            kind = "" if each.severity == "error" else f"*{each.severity.capitalize()}.* "
-            lines += [f"### {each.code}", "", f"{kind}{each.meaning} {each.remedy}", ""]
+        for finding in group:
+            kind = "" if finding.severity == "error" else f"*{finding.severity.capitalize()}.* "
+            lines += [f"### {finding.code}", "", f"{kind}{finding.meaning} {finding.remedy}", ""]
     return "\n".join(lines)
 
 

@@ -62,7 +62,7 @@ class ToolList:
     @classmethod
     def of(cls, lines: Iterable[str]) -> ToolList:
         """Return the tools of a program from its lines."""
-        found, used = cls(), 0
+        listing, used = cls(), 0
         named: dict[int, ListedTool] = {}
         for number, line in enumerate(lines, start=1):
             for comment in _COMMENT.finditer(line):
@@ -70,21 +70,21 @@ class ToolList:
                     tool = int(name[1])
                     named.setdefault(tool, ListedTool(tool, number, " ".join(name[2].split())))
             code = _TOOL_CALL.sub("T", _WITH_OFFSET.sub(r"T\1", _COMMENT.sub(" ", line)))
-            found.inches = found.inches or _INCHES.search(code) is not None
+            listing.inches = listing.inches or _INCHES.search(code) is not None
             for letter, digits in _WORDS.findall(code):
                 value = int(digits)
                 if not 0 < value <= MAX_TOOL:
                     continue
                 if letter.upper() == "T":
                     used = value
-                    found.tools.setdefault(value, ListedTool(value, number))
+                    listing.tools.setdefault(value, ListedTool(value, number))
                 elif used:
-                    tool_used = found.tools[used]
+                    tool_used = listing.tools[used]
                     (tool_used.lengths if letter in "Hh" else tool_used.radii).add(value)
         for tool, listed in named.items():
-            if tool in found.tools:
-                found.tools[tool].comment = listed.comment
-        return found
+            if tool in listing.tools:
+                listing.tools[tool].comment = listed.comment
+        return listing
 
     def diameter(self, tool: ListedTool) -> float | None:
         """Return the diameter that the comment of a tool names, in mm."""
@@ -99,7 +99,9 @@ class ToolList:
         """Yield the lines of the table."""
         yield f"; Tools of {printable(program)}, lengths in mm."
         yield "; Measure each tool, add Z and its length, and remove the semicolon before T."
-        numbers = sorted({*self.tools, *(each for t in self.tools.values() for each in t.lengths)})
+        numbers = sorted(
+            {*self.tools, *(length for t in self.tools.values() for length in t.lengths)}
+        )
         for number in numbers:
             tool = self.tools.get(number)
             diameter = self.diameter(tool) if tool else None
@@ -111,8 +113,8 @@ def _remark(number: int, tool: ListedTool | None) -> str:
     """Return the comment of a line: the CAM system's, and offsets with other numbers."""
     if tool is None:
         return f"length H{number}"
-    others = [f"H{each}" for each in sorted(tool.lengths - {number})]
-    others += [f"D{each}" for each in sorted(tool.radii - {number})]
+    others = [f"H{number_used}" for number_used in sorted(tool.lengths - {number})]
+    others += [f"D{number_used}" for number_used in sorted(tool.radii - {number})]
     parts = [
         tool.comment or f"line {tool.line}",
         *([f"used with {' '.join(others)}"] * bool(others)),

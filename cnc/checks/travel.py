@@ -1,4 +1,4 @@
-"""Travel check of a path: extent, length, moves outside the travel, feeds that a thread demands."""
+"""Travel check of a path: extent, moves outside the travel, feeds of threads, times under G93."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ def main() -> None:
     _serve_signals()
     gc.disable()  # nothing of what is imported here is garbage
     try:
-        from cnc.cli.commands import run_arguments
+        from cnc.cli.commands import exit_code as carry_out
     except KeyboardInterrupt:
         # No command has begun yet, which would print this.
         print("stopped by the operator; nothing has moved", file=sys.stderr)
@@ -35,7 +35,7 @@ def main() -> None:
     finally:
         gc.freeze()
         gc.enable()
-    run_arguments()
+    sys.exit(carry_out(sys.argv[1:]))
 
 
 def _serve_signals() -> None:

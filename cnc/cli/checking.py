@@ -1,4 +1,7 @@
-"""The programs that `check` accepts, and the check of one or many."""
+"""The work of the commands that check programs: their names, the checks, and their results.
+
+It imports the library, so the commands import it when they are carried out.
+"""
 
 from __future__ import annotations
 
@@ -8,27 +11,34 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, TextIO
+from typing import TextIO
 
-from cyclopts import CycloptsError, UnusedCliTokensError
-
-from cnc.cli.options import CheckOptions, CommonOptions, library
+from cnc import api
+from cnc.batch.pool import check_many
+from cnc.checks.baseline import Baseline, change_lines
+from cnc.checks.tool_list import ToolList
+from cnc.cli.options import CheckFormat, CheckOptions, CommonOptions
 from cnc.cli.progress import ProgressDisplay, print_compiling
+from cnc.gcode.reader.source_text import Text
+from cnc.machine.load import load_machine, with_stock
+from cnc.machine.models import Machine
+from cnc.model.choices import DialectName
 from cnc.model.diagnostics import (
     EXIT_REJECTED,
     EXIT_STOPPED,
     SEVERITIES,
-    CncError,
     Diagnostic,
     Severity,
     UsageError,
+    printable,
     shown_name,
 )
 from cnc.model.operator_control import Control
-
-if TYPE_CHECKING:
-    from cnc.report.result import Report
-
+from cnc.report.findings import write_findings
+from cnc.report.result import Report, position
+from cnc.report.summary import TRAVEL_NOT_CHECKED, one_line, print_summary, write_json, write_object
+from cnc.report.targets import TextTarget
+from cnc.session.program_reader import display_name, readable_file
 
 log = logging.getLogger(__name__)
 
@@ -36,31 +46,66 @@ SUFFIXES = (".nc", ".ngc", ".gcode", ".gc", ".cnc", ".tap", ".mpf")
 """Suffixes of programs in a folder."""
 
 
+def check_programs(
+    names: Sequence[str],
+    common: CommonOptions,
+    options: CheckOptions,
+    format: CheckFormat,
+    baseline: str | None,
+    fail_on: Severity,
+) -> int:
+    """Check programs, folders and patterns; report in a format; return the exit code."""
+    files = find_programs(names)
+    listed = len(files) != 1 or names != files
+    stream = common.summary_file if format == "text" else sys.stderr
+    before = None if baseline is None else Baseline(baseline)
+    reports = (
+        check_listed(files, common, options, stream)
+        if listed or options.scheduler
+        else [check_one(files[0], common, options)]
+    )
+    if before is not None:
+        for report in reports:
+            report.changes = before.changes(report)
+    for name in {common.json, "-" if format == "json" else None}:
+        if name is not None:
+            write_json(name, reports if listed else reports[0])
+    if format != "text" and format != "json":
+        write_findings(format, reports)
+    if not listed:
+        show(reports[0], common, stream)
+    quiet = common.terminal.quiet
+    if before is not None and not quiet:
+        print(*change_lines(reports, before.missing(reports)), sep="\n", file=stream)
+    return end(reports, quiet=quiet, fail_on=fail_on)
+
+
 def check_one(
     file: str, common: CommonOptions, options: CheckOptions, picture: str | None = None
 ) -> Report:
     """Check one program in this process."""
-    api = library()
-    machine = options.machine(common.machine)
+    machine = _machine(common, options)
     control = Control(common.feed_override)
     with ProgressDisplay(control, quiet=common.terminal.quiet) as display:
-        report: Report = api.check(
+        return api.check(
             file,
             machine,
             options.run_options(common, picture=picture),
             callbacks=display.callbacks(),
             control=control,
         )
-    return report
+
+
+def _machine(common: CommonOptions, options: CheckOptions) -> Machine:
+    """Return the machine, with the raw part."""
+    machine = load_machine(common.machine)
+    return machine if options.stock is None else with_stock(machine, options.stock)
 
 
 def check_listed(
     files: Sequence[str], common: CommonOptions, options: CheckOptions, stream: TextIO
 ) -> list[Report]:
     """Check programs in parallel and print a line for each, in the order of the programs."""
-    from cnc.batch.pool import check_many
-    from cnc.report.summary import TRAVEL_NOT_CHECKED, one_line
-
     if common.has_program_outputs or options.stl is not None:
         message = "--blocks, --trace, --pulses, --lines and --stl take one program"
         hint = "check that program alone to get them"
@@ -69,10 +114,10 @@ def check_listed(
         message = "--jobs is for this computer, --scheduler for others"
         raise UsageError(Diagnostic("jobs-and-scheduler", message, hint="give one of them"))
     reports: list[Report] = []
-    machine = options.machine(common.machine)
+    machine = _machine(common, options)
     quiet = common.terminal.quiet
     with ProgressDisplay(Control(common.feed_override), quiet=quiet) as display:
-        found = check_many(
+        results = check_many(
             files,
             machine,
             options.run_options(common),
@@ -81,7 +126,7 @@ def check_listed(
             on_done=lambda done: display.count(done, len(files)),
             on_compiling=None if quiet else print_compiling,
         )
-        for report in found:
+        for report in results:
             reports.append(report)
             log.info("%s", one_line(report))
             for finding in report.findings:
@@ -107,7 +152,7 @@ def find_programs(names: Sequence[str]) -> list[str]:
     if not names:
         hint = "cncrun check PROGRAM..."
         raise UsageError(Diagnostic("no-program", "no program is named", hint=hint))
-    found: list[str] = []
+    programs: list[str] = []
     for name in names:
         path = Path(name)
         if path.is_dir():
@@ -116,8 +161,8 @@ def find_programs(names: Sequence[str]) -> list[str]:
                 for file in path.rglob("*")
                 if file.suffix.lower() in SUFFIXES and file.is_file()
             )
-            known = " ".join("*" + suffix for suffix in SUFFIXES)
-            missing = f"the folder {name} has no programs ({known})"
+            suffixes = " ".join("*" + suffix for suffix in SUFFIXES)
+            missing = f"the folder {name} has no programs ({suffixes})"
         elif not path.exists() and glob.has_magic(name):
             matches = sorted(
                 file for file in glob.glob(name, recursive=True) if os.path.isfile(file)
@@ -128,49 +173,11 @@ def find_programs(names: Sequence[str]) -> list[str]:
         if not matches:
             hint = "check the name and the folder"
             raise UsageError(Diagnostic("no-program", missing, hint=hint))
-        found += matches
-    return list(dict.fromkeys(found))
+        programs += matches
+    return list(dict.fromkeys(programs))
 
 
-# End of a command: its last messages, and its exit code.
-
-EXIT_PIPE = 141
-"""The reader of the output went away: 128 + SIGPIPE, as a shell reports it for other tools."""
-
-
-def usage(error: CycloptsError) -> str:
-    """Return the fault of a command line in one line."""
-    if isinstance(error, UnusedCliTokensError):
-        unused = " ".join(error.unused_tokens or [])
-        return (
-            f"cncrun runs one program, {unused} is too much; "
-            "several can be checked: cncrun check PROGRAM..."
-        )
-    return " ".join(str(error).split())
-
-
-def fail(error: CncError) -> int:
-    """Print an error; return its exit code."""
-    sys.stdout.flush()
-    log.error("%s", error.diagnostic.render())
-    print(error.diagnostic.render(), file=sys.stderr)
-    return error.exit_code
-
-
-def internal_error(error: Exception, verbose: bool) -> int:
-    """Print an error of cncrun itself; return its exit code."""
-    log.critical("internal error", exc_info=error)
-    if verbose:
-        import traceback
-
-        traceback.print_exception(error)
-    message = f"cncrun failed: {type(error).__name__}: {error}"
-    hint = (
-        "please report the program, the machine file and this message; --verbose shows where it "
-        "happened, --log FILE also what led to it"
-    )
-    print(Diagnostic("internal-error", message, hint=hint).render(), file=sys.stderr)
-    return EXIT_REJECTED
+# End of a check or a run: its findings and its exit code.
 
 
 def end(reports: Sequence[Report], *, quiet: bool, fail_on: Severity = "error") -> int:
@@ -206,8 +213,8 @@ def end(reports: Sequence[Report], *, quiet: bool, fail_on: Severity = "error") 
         return EXIT_STOPPED
     if code:
         return code
-    found = (finding for report in reports for finding in report.counting)
-    return EXIT_REJECTED if any(finding.severity in counting for finding in found) else 0
+    findings = (finding for report in reports for finding in report.counting)
+    return EXIT_REJECTED if any(finding.severity in counting for finding in findings) else 0
 
 
 def _print_error(text: str) -> None:
@@ -215,8 +222,6 @@ def _print_error(text: str) -> None:
 
 
 def _stop_message(report: Report) -> str:
-    from cnc.report.result import position
-
     if report.board is None or not report.stopped_at_line:
         return "stopped by the operator; nothing has moved"
     place = " ".join(
@@ -228,17 +233,70 @@ def _stop_message(report: Report) -> str:
     )
 
 
-def write_summary(name: str, summary: Report | Sequence[Report]) -> None:
-    """Write the summary as JSON to a file, or to standard output for ``-``."""
-    from cnc.report.summary import write_json
+def finish(report: Report, common: CommonOptions, picture: str | None = None) -> int:
+    """Write and print the summary of one program; return the exit code.
 
-    write_json(name, summary)
+    Args:
+        report: The report.
+        common: The options.
+        picture: The picture that was drawn.
+    """
+    if common.json is not None:
+        write_json(common.json, report)
+    show(report, common, common.summary_file)
+    quiet = common.terminal.quiet
+    if picture is not None and report.ok and report.stopped_at_line is None and not quiet:
+        print(f"picture      {printable(picture)}", file=common.summary_file)
+    return end([report], quiet=quiet)
+
+
+def compare_programs(
+    names: tuple[str, str],
+    machine: str | None,
+    dialect: DialectName | None,
+    json: str | None,
+    *,
+    quiet: bool,
+) -> int:
+    """Compare two programs; write and print the result; return the exit code."""
+    from cnc.compare.programs import compare  # no check needs it
+
+    with ProgressDisplay(Control(), quiet=quiet) as display:
+        comparison = compare(*names, load_machine(machine), dialect, display.callbacks())
+    if all(report.ok and report.stopped_at_line is None for report in comparison.reports):
+        if json is not None:
+            write_object(json, comparison.as_json())
+        if not quiet:
+            print(*comparison.lines(), sep="\n", file=sys.stderr if json == "-" else sys.stdout)
+    return end(comparison.reports, quiet=quiet)
 
 
 def show(report: Report, common: CommonOptions, stream: TextIO) -> None:
     """Print the summary, unless the program has faults or was stopped."""
     if common.terminal.quiet or report.faults or report.stopped_at_line is not None:
         return
-    from cnc.report.summary import print_summary
-
     print_summary(report, stream, verbose=common.terminal.verbose)
+
+
+def write_tool_table(program: str, file: str | None) -> None:
+    """Write the skeleton of a program's tool table to a file; None prints it.
+
+    Raises:
+        UsageError: ``no-tools``, or the program cannot be read, or the file not written.
+    """
+    with readable_file(program) as path:
+        name = display_name(program)
+        tools = ToolList.of(Text.of_file(path, name).all_lines())
+    if not tools.tools:
+        message, hint = "the program has no T word", "a program without tools needs no table"
+        raise UsageError(Diagnostic("no-tools", message, name, hint=hint))
+    text = "".join(line + "\n" for line in tools.skeleton(name))
+    if file is None:
+        print(text, end="")
+        return
+    target = TextTarget(file)
+    try:
+        target.write(text)
+        target.close()
+    finally:
+        target.discard()

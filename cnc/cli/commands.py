@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 from collections.abc import Sequence
@@ -12,20 +13,11 @@ from typing import Annotated, ClassVar, Literal
 from cyclopts import App, CycloptsError, Parameter
 from cyclopts.argument import ArgumentCollection
 
-from cnc.cli.checking import (
-    EXIT_PIPE,
-    check_listed,
-    check_one,
-    end,
-    fail,
-    find_programs,
-    internal_error,
-    show,
-    usage,
-    write_summary,
-)
+import cnc
 from cnc.cli.keyboard import Keyboard
+from cnc.cli.messages import EXIT_PIPE, close_log, fail, internal_error, usage
 from cnc.cli.operate_commands import (
+    TERMINAL,
     boards,
     height_map,
     home,
@@ -45,13 +37,13 @@ from cnc.cli.options import (
     MachineOption,
     TerminalOptions,
     check_files,
-    close_log,
-    library,
+    load_library,
     option,
     output,
 )
 from cnc.cli.progress import ProgressDisplay
 from cnc.cli.signals import NO_SPACE, OperatorSignals, report_hang_up
+from cnc.compiled.code_cache import cache_folder
 from cnc.model.choices import DialectName, Pauses
 from cnc.model.diagnostics import (
     EXIT_STOPPED,
@@ -92,54 +84,12 @@ class Application(App):
             default_parameter: Settings of all options.
             parse_docstring: Ignored.
         """
-        known = self.collections
-        if known is None or default_parameter is not None:
+        collections = self.collections
+        if collections is None or default_parameter is not None:
             return super().assemble_argument_collection(default_parameter=default_parameter)
-        if id(self) not in known:
-            known[id(self)] = super().assemble_argument_collection()
-        return known[id(self)]
-
-
-# The command ``cncrun tools``: a skeleton of the tool table from a program.
-
-
-def tools(
-    program: Annotated[str, output("The program (- is standard input).")],
-    /,
-    *,
-    file: Annotated[
-        str | None,
-        Parameter(name=["--output", "-o"], help="The file to write; by default it is printed."),
-    ] = None,
-) -> int:
-    """Write a skeleton of the tool table of a program.
-
-    The tools come from T, H and D words and from the comments of CAM systems. Measure each tool,
-    add its length, and name the file in the machine file: tool_table under [program].
-    """
-    check_files((file,), (program,))
-    from cnc.checks.tool_list import ToolList
-    from cnc.gcode.reader.source_text import Text
-    from cnc.report.targets import TextTarget
-    from cnc.session.program_reader import display_name, readable_file
-
-    with readable_file(program) as path:
-        name = display_name(program)
-        found = ToolList.of(Text.of_file(path, name).all_lines())
-    if not found.tools:
-        message, hint = "the program has no T word", "a program without tools needs no table"
-        raise UsageError(Diagnostic("no-tools", message, name, hint=hint))
-    text = "".join(line + "\n" for line in found.skeleton(name))
-    if file is None:
-        print(text, end="")
-        return 0
-    target = TextTarget(file)
-    try:
-        target.write(text)
-        target.close()
-    finally:
-        target.discard()
-    return 0
+        if id(self) not in collections:
+            collections[id(self)] = super().assemble_argument_collection()
+        return collections[id(self)]
 
 
 app = Application(
@@ -165,7 +115,6 @@ app.command(mdi)
 app.command(height_map)
 app.command(serve)
 COMMON, BOARD, CHECK = CommonOptions(), BoardOptions(), CheckOptions()
-TERMINAL = TerminalOptions()
 
 
 @app.command
@@ -181,17 +130,18 @@ def run(
     if dry_run:
         return check(program, common=common)
     common.prepare(program, on_board.port)
-    api = library()
+    load_library()
+    from cnc.cli import checking
+
     control = on_board.control(common.feed_override)
-    quiet = common.terminal.quiet
-    display = ProgressDisplay(control, quiet=quiet, plain=on_board.plain)
+    display = ProgressDisplay(control, quiet=common.terminal.quiet, plain=on_board.plain)
     with display, Keyboard(control, report_hang_up) as keys:
         if not keys.available:
             display.without_keys()
         pauses: Pauses = "wait" if keys.available else "skip" if on_board.yes else "refuse"
-        report = api.run(
+        report = cnc.run(
             program,
-            api.load_machine(common.machine),
+            cnc.load_machine(common.machine),
             common.run_options(
                 pauses=pauses,
                 from_line=on_board.from_line,
@@ -207,10 +157,7 @@ def run(
             ),
             control=control,
         )
-    if common.json is not None:
-        write_summary(common.json, report)
-    show(report, common, common.summary_file)
-    return end([report], quiet=quiet)
+    return checking.finish(report, common)
 
 
 @app.command
@@ -242,37 +189,10 @@ def check(
     names = [name.replace(HYPHEN, "-") for name in programs]
     prints_results = format != "text" and (format, common.json) != ("json", "-")
     common.prepare(*names, baseline, to_standard_output=prints_results, further=options.stl)
-    files = find_programs(names)
-    listed = len(files) != 1 or names != files
-    stream = common.summary_file if format == "text" else sys.stderr
-    before = None
-    if baseline is not None:
-        from cnc.checks.baseline import Baseline
+    load_library()
+    from cnc.cli import checking
 
-        before = Baseline(baseline)
-    reports = (
-        check_listed(files, common, options, stream)
-        if listed or options.scheduler
-        else [check_one(files[0], common, options)]
-    )
-    if before is not None:
-        for report in reports:
-            report.changes = before.changes(report)
-    for name in {common.json, "-" if format == "json" else None}:
-        if name is not None:
-            write_summary(name, reports if listed else reports[0])
-    if format != "text" and format != "json":
-        from cnc.report.findings import write_findings
-
-        write_findings(format, reports)
-    if not listed:
-        show(reports[0], common, stream)
-    quiet = common.terminal.quiet
-    if before is not None and not quiet:
-        from cnc.checks.baseline import change_lines
-
-        print(*change_lines(reports, before.missing(reports)), sep="\n", file=stream)
-    return end(reports, quiet=quiet, fail_on=fail_on)
+    return checking.check_programs(names, common, options, format, baseline, fail_on)
 
 
 @app.command
@@ -300,20 +220,10 @@ def diff(
         raise UsageError(Diagnostic("usage", message, hint=hint))
     check_files((json, terminal.log), (machine, first, second))
     terminal.open_log(machine, first, second)
-    library()
-    from cnc.compare.programs import compare
-    from cnc.machine.load import load_machine
-    from cnc.report.summary import write_object
+    load_library()
+    from cnc.cli import checking
 
-    with ProgressDisplay(Control(), quiet=terminal.quiet) as display:
-        known = load_machine(machine)
-        found = compare(first, second, known, dialect, display.callbacks())
-    if all(report.ok and report.stopped_at_line is None for report in found.reports):
-        if json is not None:
-            write_object(json, found.as_json())
-        if not terminal.quiet:
-            print(*found.lines(), sep="\n", file=sys.stderr if json == "-" else sys.stdout)
-    return end(found.reports, quiet=terminal.quiet)
+    return checking.compare_programs((first, second), machine, dialect, json, quiet=terminal.quiet)
 
 
 @app.command
@@ -339,14 +249,11 @@ def view(
     The motion is feed, acceleration and jerk. A page has the text of the program, too.
     """
     common.prepare(program, further=output)
-    report = check_one(program, common, CheckOptions(stock=stock), output)
-    if common.json is not None:
-        write_summary(common.json, report)
-    show(report, common, common.summary_file)
-    quiet = common.terminal.quiet
-    if report.ok and report.stopped_at_line is None and not quiet:
-        print(f"picture      {printable(output)}", file=common.summary_file)
-    return end([report], quiet=quiet)
+    load_library()
+    from cnc.cli import checking
+
+    report = checking.check_one(program, common, CheckOptions(stock=stock), output)
+    return checking.finish(report, common, output)
 
 
 @app.command
@@ -362,13 +269,12 @@ def papers(
 
     These are the papers behind the interpolators.
     """
-    from cnc.papers import page
-    from cnc.papers.contents import sections
+    from cnc.papers import contents, page
 
     page.prepared(folder)
     _compile(quiet=quiet)
     done = []
-    for section in sections():
+    for section in contents.sections():
         if not quiet:
             print(page.markdown(section), end="\n\n", flush=True)
         done.append(section)
@@ -381,7 +287,27 @@ def papers(
     return 0
 
 
-app.command(tools)
+@app.command
+def tools(
+    program: Annotated[str, output("The program (- is standard input).")],
+    /,
+    *,
+    file: Annotated[
+        str | None,
+        Parameter(name=["--output", "-o"], help="The file to write; by default it is printed."),
+    ] = None,
+) -> int:
+    """Write a skeleton of the tool table of a program.
+
+    The tools come from T, H and D words and from the comments of CAM systems. Measure each tool,
+    add its length, and name the file in the machine file: tool_table under [program].
+    """
+    check_files((file,), (program,))
+    load_library()
+    from cnc.cli.checking import write_tool_table
+
+    write_tool_table(program, file)
+    return 0
 
 
 @app.command
@@ -390,8 +316,6 @@ def warm(*, quiet: Annotated[bool, option("Print nothing but errors.")] = False)
 
     The command prints the folder of the compiled code.
     """
-    from cnc.compiled.code_cache import cache_folder
-
     _compile(quiet=quiet)
     if not quiet:
         print(f"compiled code  {printable(str(cache_folder()))}")
@@ -420,8 +344,6 @@ def schema(
     /,
 ) -> int:
     """Print the JSON Schema of a file format."""
-    import json
-
     from cnc.machine.height_map import height_map_schema
     from cnc.machine.load import machine_schema
     from cnc.report.models import summary_schema
@@ -435,11 +357,6 @@ def schema(
     }
     print(json.dumps(schemas[document](), indent=2, ensure_ascii=False))
     return 0
-
-
-def run_arguments() -> None:
-    """Carry out the command line of this process, and exit."""
-    sys.exit(exit_code(sys.argv[1:]))
 
 
 def exit_code(arguments: Sequence[str]) -> int:
@@ -478,7 +395,7 @@ def _carry_out(arguments: Sequence[str]) -> int:
         arguments = ["run", *arguments]
     try:
         result = app(
-            [HYPHEN if each == "-" else each for each in arguments],
+            [HYPHEN if word == "-" else word for word in arguments],
             exit_on_error=False,
             print_error=False,
             result_action="return_value",

@@ -27,6 +27,10 @@ from cnc.model.operator_control import (
     Control,
 )
 
+if sys.platform != "win32":
+    import termios
+    import tty
+
 if TYPE_CHECKING:
     from prompt_toolkit.input import Input
 
@@ -159,9 +163,6 @@ def _terminal() -> Iterator[bool]:
     elif sys.platform == "win32":
         yield True
     else:
-        import termios
-        import tty
-
         file = sys.stdin.fileno()
         before = termios.tcgetattr(file)
         # Each key is read at once and not printed; Ctrl-C still raises a signal.
@@ -186,8 +187,6 @@ def _is_gone(terminal: Input) -> bool:
     """Tell whether the terminal was closed; a console of Windows lives as long as its program."""
     if sys.platform == "win32":
         return False
-    import termios
-
     try:
         termios.tcgetattr(terminal.fileno())
     except termios.error:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,14 +12,15 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 
 from cyclopts import Parameter, validators
 
-from cnc.cli.checking import fail
+import cnc
 from cnc.cli.keyboard import Keyboard
+from cnc.cli.messages import fail
 from cnc.cli.options import (
     BoardOption,
     MachineOption,
     TerminalOptions,
     check_files,
-    library,
+    load_library,
     option,
 )
 from cnc.cli.progress import ProgressDisplay
@@ -33,6 +34,7 @@ from cnc.model.diagnostics import (
     printable,
 )
 from cnc.model.operator_control import Control
+from cnc.model.units import per_second
 
 if TYPE_CHECKING:
     from concurrent.futures import Future
@@ -40,7 +42,6 @@ if TYPE_CHECKING:
     from cnc.boards.protocols import BoardSettings
     from cnc.machine.models import Machine
     from cnc.operate.events import Event, Finding, JobEnded
-    from cnc.operate.height_mapping import Grid
     from cnc.operate.operator_session import OperatorSession
     from cnc.server.serve import Address
 
@@ -53,7 +54,6 @@ _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)"
 SPAN = re.compile(rf"([xyXY])({_NUMBER}):({_NUMBER})", re.ASCII)
 POLL = 0.1
 """Time between two looks at a signal, s."""
-MM_PER_MIN = 60.0
 T = TypeVar("T")
 
 
@@ -71,22 +71,6 @@ class GridOptions:
     tolerance: Annotated[
         float, option("Largest distance of the pieces of a move from the warped move, mm.")
     ] = 0.005
-
-    def over(self, area: Mapping[str, tuple[float, float]]) -> Grid:
-        """Return the grid over an area."""
-        from cnc.operate.height_mapping import Grid
-
-        return Grid(
-            x=area["x"],
-            y=area["y"],
-            step=self.step,
-            clear=self.clear,
-            depth=self.depth,
-            feed=self.feed,
-            zero=self.set_zero,
-            interpolation=self.interpolation,
-            tolerance=self.tolerance,
-        )
 
 
 GRID = GridOptions()
@@ -109,7 +93,7 @@ def jog(
     """
     wanted = _words(distances, "X10")
     with _session(terminal, machine, board, port) as (session, signals):
-        mm_s = None if feed is None else feed / MM_PER_MIN
+        mm_s = None if feed is None else per_second(feed)
         _wait(session, signals, session.jog_step(wanted, mm_s, unhomed=unhomed))
         _show_position(session, terminal)
         return EXIT_STOPPED if signals.stopped else 0
@@ -172,7 +156,7 @@ def mdi(
     A line has the modes of the lines before it.
     """
     with _session(terminal, machine, board, port) as (session, signals):
-        for line in lines or (each.rstrip("\n") for each in sys.stdin):
+        for line in lines or (line.rstrip("\n") for line in sys.stdin):
             if not line.strip():
                 continue
             ended = _wait(session, signals, session.mdi(line, trust_position=trust_position))
@@ -200,38 +184,51 @@ def height_map(
 
     A run with --height-map follows the surface.
     """
-    from cnc.machine.height_map import save_height_map
-
     check_files((output, terminal.log), (machine,))
-    points = grid.over(_spans(area))
+    load_library()
+    from cnc.machine.height_map import save_height_map
+    from cnc.operate.height_mapping import Grid
+
+    area_x, area_y = _spans(area)
+    points = Grid(
+        x=area_x,
+        y=area_y,
+        step=grid.step,
+        clear=grid.clear,
+        depth=grid.depth,
+        feed=grid.feed,
+        zero=grid.set_zero,
+        interpolation=grid.interpolation,
+        tolerance=grid.tolerance,
+    )
     points.check()
     with _session(terminal, machine, board, port) as (session, signals):
         session.select_system(system.upper())
         try:
-            found = _wait(
+            surface = _wait(
                 session, signals, session.probe_grid(points, trust_position=trust_position)
             )
         except CncError:
             if signals.stopped:
                 return EXIT_STOPPED
             raise
-    save_height_map(found, output)
+    save_height_map(surface, output)
     if not terminal.quiet:
-        low, high = found.extremes
-        count = f"{len(found.x)} x {len(found.y)} points"
+        low, high = surface.extremes
+        count = f"{len(surface.x)} x {len(surface.y)} points"
         print(f"height map   {printable(output)}: {count}, {low:.3f} to {high:.3f} mm")
     return 0
 
 
-def _spans(given: Sequence[str]) -> dict[str, tuple[float, float]]:
-    """Return the area by axis; UsageError ``usage``."""
+def _spans(given: Sequence[str]) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the ends of the area along X and Y; UsageError ``usage``."""
     matches = [SPAN.fullmatch(text) for text in given]
-    found = {m[1].lower(): (float(m[2]), float(m[3])) for m in matches if m is not None}
-    if set(found) != {"x", "y"} or len(given) != 2:
+    spans = {m[1].lower(): (float(m[2]), float(m[3])) for m in matches if m is not None}
+    if set(spans) != {"x", "y"} or len(given) != 2:
         message = "the area needs X and Y, each from its lowest position"
         hint = "such as X0:100 Y0:60"
         raise UsageError(Diagnostic("usage", message, hint=hint))
-    return found
+    return spans["x"], spans["y"]
 
 
 @contextmanager
@@ -240,17 +237,19 @@ def _session(
 ) -> Iterator[tuple[OperatorSession, Control]]:
     """Provide a session with a connected board."""
     terminal.open_log(machine)
-    known = library().load_machine(machine)
-    from cnc.operate.events import Notice
-    from cnc.operate.operator_session import OperatorSession
+    load_library()
+    from cnc.operate import events, operator_session
 
     control = Control()
 
     def show(event: Event) -> None:
-        if isinstance(event, Notice) and event.finding.code == "mdi-modes":
+        if isinstance(event, events.Notice) and event.finding.code == "mdi-modes":
             print(_diagnostic(event.finding).render(), file=sys.stderr)
 
-    with OperatorSession(known) as session, OperatorSignals(control) as signals:
+    with (
+        operator_session.OperatorSession(cnc.load_machine(machine)) as session,
+        OperatorSignals(control) as signals,
+    ):
         session.listen(show)
         session.connect(board, port).result()
         signals.moving = True
@@ -271,38 +270,45 @@ def _wait(session: OperatorSession, control: Control, future: Future[T]) -> T:
 
 def _words(given: Sequence[str], example: str, default: float | None = None) -> dict[str, float]:
     """Return the values by axis; UsageError ``usage``."""
-    found: dict[str, float] = {}
+    values: dict[str, float] = {}
     for text in given:
         match = WORD.fullmatch(text)
         value = default if match is None or match[2] is None else float(match[2])
-        if match is None or value is None or match[1].lower() in found:
+        if match is None or value is None or match[1].lower() in values:
             hint = f"give each axis once, such as {example}"
             message = f"{text!r} is not an axis with its distance"
             raise UsageError(Diagnostic("usage", message, hint=hint))
-        found[match[1].lower()] = value
-    if not found:
+        values[match[1].lower()] = value
+    if not values:
         raise UsageError(Diagnostic("usage", "no axis is given", hint=f"such as {example}"))
-    return found
+    return values
 
 
 def _show_position(session: OperatorSession, terminal: TerminalOptions) -> None:
     if not terminal.quiet:
         state = session.state
-        each = (f"{axis.upper()}{place:.3f}" for axis, place in state.machine.items())
+        machine = (f"{axis.upper()}{place:.3f}" for axis, place in state.machine.items())
         work = (f"{axis.upper()}{place:.3f}" for axis, place in state.work.items())
-        print("machine", *each, f" {state.system}", *work)
+        print("machine", *machine, f" {state.system}", *work)
 
 
 def _show_findings(ended: JobEnded) -> None:
-    for each in ended.findings:
-        print(_diagnostic(each).render(), file=sys.stderr)
+    for finding in ended.findings:
+        print(_diagnostic(finding).render(), file=sys.stderr)
 
 
-def _diagnostic(found: Finding) -> Diagnostic:
+def _diagnostic(finding: Finding) -> Diagnostic:
     return Diagnostic(
-        found.code, found.message, found.file, found.line, found.column, found.length, found.text,
-        found.hint, found.severity,
-    )  # fmt: skip
+        finding.code,
+        finding.message,
+        finding.file,
+        finding.line,
+        finding.column,
+        finding.length,
+        finding.text,
+        finding.hint,
+        finding.severity,
+    )
 
 
 # The commands ``cncrun boards`` and ``cncrun home``.
@@ -332,18 +338,19 @@ def boards(
     pins and the tables of a machine file. Opening a port resets most boards; nothing moves.
     """
     terminal.open_log()
-    from cnc.boards.discovery import port_report, probe_ports
-    from cnc.boards.serial_port import identity
+    load_library()
+    from cnc.boards import discovery, serial_port
     from cnc.session.position_check import write_offsets
 
-    found = probe_ports(ports, baud)
-    for each in found:
-        if each.info is not None:
-            write_offsets(identity(each.port), each.info.named_places())
-        print(*map(printable, port_report(each, baud)), sep="\n", flush=True)
-    if not found:
+    boards_there = discovery.probe_ports(ports, baud)
+    for board in boards_there:
+        if board.info is not None:
+            write_offsets(serial_port.identity(board.port), board.info.named_places())
+        print(*map(printable, discovery.port_report(board, baud)), sep="\n", flush=True)
+    if not boards_there:
         print("# this computer has no serial port; is the board plugged in and switched on?")
-    return next((fail(each.fault) for each in found if ports and each.fault is not None), 0)
+    faults = (board.fault for board in boards_there if ports and board.fault is not None)
+    return next(map(fail, faults), 0)
 
 
 def home(
@@ -362,13 +369,13 @@ def home(
     switches at the ends of the travels.
     """
     terminal.open_log(machine)
-    api = library()
+    load_library()
     control = Control()
     keys = Keyboard(control, report_hang_up)
     with ProgressDisplay(control, quiet=terminal.quiet) as display, keys:
         if not keys.available:
             display.without_keys()
-        positions = api.home(
+        positions = cnc.home(
             machine,
             axes,
             board=board,
@@ -381,9 +388,9 @@ def home(
     if not terminal.quiet:
         from cnc.report.result import position
 
-        known = {axis.upper(): value for axis, value in positions.items() if value is not None}
-        if known:
-            print("the machine stands at", *(f"{axis}{position(at)}" for axis, at in known.items()))
+        homed = {axis.upper(): value for axis, value in positions.items() if value is not None}
+        if homed:
+            print("the machine stands at", *(f"{axis}{position(at)}" for axis, at in homed.items()))
         lost = [axis.upper() for axis, value in positions.items() if value is None]
         if lost:
             print("not known:", *lost)
@@ -413,20 +420,21 @@ def settings(
     and read back.
     """
     terminal.open_log(machine, load)
-    if sum(each is not None for each in (name, save, load)) > 1:
+    if sum(given is not None for given in (name, save, load)) > 1:
         message, hint = "settings does one thing at a time", "give a setting, --save, or --load"
         raise UsageError(Diagnostic("usage", message, hint=hint))
-    known = library().load_machine(machine)
-    with _opened(known, board, port) as found:
+    load_library()
+    chosen = cnc.load_machine(machine)
+    with _opened(chosen, board, port) as kept:
         if save is not None:
-            _save(found, save)
+            _save(kept, save)
         elif load is not None:
-            _change(found, found.parsed(_lines_of(load), load), yes=yes)
+            _change(kept, kept.parsed(_lines_of(load), load), yes=yes)
         elif name is not None and "=" in name:
             number, _, value = name.partition("=")
-            _change(found, {found.number_of(number.strip()): value.strip()}, yes=yes)
+            _change(kept, {kept.number_of(number.strip()): value.strip()}, yes=yes)
         else:
-            _show(found, known, name)
+            _show(kept, chosen, name)
     return 0
 
 
@@ -527,14 +535,14 @@ def serve(
     It needs the extra: pip install 'cncrun[serve]'. It ends with Ctrl-C; the machine comes to rest.
     """
     terminal.open_log(machine)
-    known = library().load_machine(machine)
+    load_library()
+    chosen = cnc.load_machine(machine)
     try:
         from cnc.server import serve as server
     except ImportError as error:
         message = f"the console needs {error.name}, which is not installed"
         hint = "pip install 'cncrun[serve]'"
         raise UsageError(Diagnostic("serve-missing", message, hint=hint)) from error
-    from cnc.model.state_file import folder as state_folder
 
     def announce(address: Address) -> None:
         print(address.link, flush=True)
@@ -545,6 +553,10 @@ def serve(
                 "This console is no emergency stop: the machine needs one of its own.", flush=True
             )
 
-    place = Path(folder) if folder is not None else state_folder().parent / "jobs"
-    server.serve(known, server.open_address(host, port, token), place, announce=announce)
+    server.serve(
+        chosen,
+        server.open_address(host, port, token),
+        None if folder is None else Path(folder),
+        announce=announce,
+    )
     return 0

@@ -3,114 +3,22 @@
 from __future__ import annotations
 
 import gc
-import logging
 import os
-import platform
 import sys
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
-from types import ModuleType
 from typing import TYPE_CHECKING, Annotated, Literal, TextIO
 
 from cyclopts import Parameter, validators
 
+import cnc
+from cnc.cli.messages import open_log
 from cnc.model.choices import Algorithm, DialectName, Interpolator, ToolLengths, UnknownCodes
 from cnc.model.diagnostics import Diagnostic, UsageError
 from cnc.model.operator_control import Control
-from cnc.version import __version__
 
 if TYPE_CHECKING:
     from cyclopts import Token
-
-    from cnc.machine.models import Machine
-    from cnc.session.options import RunOptions
-
-
-# Log of a command: to a file in full, and to standard error with ``--verbose``.
-#
-# The modules log to loggers of their own names (``cnc.session.session``, ``cnc.boards.grbl.link``).
-# Nothing is printed by default.
-#
-#     INFO     stages of the run with their times, operator requests, findings, the result
-#     DEBUG    each line or frame that is sent to a board or received from it
-
-FORMAT = "%(asctime)s.%(msecs)03d %(levelname)-7s %(name)s: %(message)s"
-TIME_FORMAT = "%Y-%m-%d %H:%M:%S"
-
-log = logging.getLogger(__name__)
-
-_root = logging.getLogger("cnc")
-_handlers: list[logging.Handler] = []
-
-
-class _StandardError(logging.Handler):
-    """Prints each record to the present ``sys.stderr``, which a progress bar may replace."""
-
-    def emit(self, record: logging.LogRecord) -> None:
-        print(self.format(record), file=sys.stderr, flush=True)
-
-
-class _LogFile(logging.FileHandler):
-    """The file of the log. A full disk ends the log with one warning, and never the run."""
-
-    def handleError(self, record: logging.LogRecord) -> None:
-        """Report that the log ends here."""
-        error = sys.exc_info()[1]
-        if not isinstance(error, OSError):
-            super().handleError(record)
-            return
-        _root.removeHandler(self)
-        message = f"{self.baseFilename} cannot be written: {error.strerror or error}"
-        hint = "the log ends here; choose a file on a disk that has space"
-        found = Diagnostic("log-ends", message, hint=hint, severity="warning")
-        print(f"{found.severity}: {found.render()}", file=sys.stderr)
-
-    def close(self) -> None:
-        """Close the file. What a full disk did not take is lost, which was reported."""
-        with suppress(OSError):
-            super().close()
-
-
-def open_log(file: str | None, *, verbose: bool) -> None:
-    """Begin to log.
-
-    Args:
-        file: The file to write, or None.
-        verbose: Whether to print the stages to standard error.
-
-    Raises:
-        UsageError: ``can-not-write``.
-    """
-    close_log()
-    if file is not None:
-        try:
-            handler: logging.Handler = _LogFile(file, "w", encoding="utf-8")
-        except OSError as error:
-            message = f"{file} cannot be written: {error.strerror or error}"
-            hint = "choose a file in a folder that you may write to"
-            raise UsageError(Diagnostic("can-not-write", message, hint=hint)) from error
-        _add(handler, logging.DEBUG)
-    if verbose:
-        _add(_StandardError(), logging.INFO)
-    log.info("cncrun %s, Python %s, %s", __version__, platform.python_version(), sys.platform)
-
-
-def close_log() -> None:
-    """End the log."""
-    for handler in _handlers:
-        _root.removeHandler(handler)
-        handler.close()
-    _handlers.clear()
-    _root.setLevel(logging.NOTSET)
-
-
-def _add(handler: logging.Handler, level: int) -> None:
-    handler.setLevel(level)
-    handler.setFormatter(logging.Formatter(FORMAT, TIME_FORMAT))
-    _handlers.append(handler)
-    _root.addHandler(handler)
-    _root.setLevel(min(level, _root.level or level))
 
 
 HYPHEN = "\0-"
@@ -272,12 +180,10 @@ class CommonOptions:
         check_files(outputs, inputs, standard_output_taken=to_standard_output)
         self.terminal.open_log(*inputs)
 
-    def run_options(self, **others: object) -> RunOptions:
+    def run_options(self, **others: object) -> cnc.RunOptions:
         """Return the options of a run; ``others``: further fields of RunOptions."""
-        from cnc.session.options import Outputs, RunOptions
-
         picture, stl = others.pop("picture", None), others.pop("stl", None)
-        return RunOptions(
+        return cnc.RunOptions(
             dialect=self.dialect,
             interpolator=self.interpolator,
             algorithm=self.algorithm,
@@ -288,7 +194,7 @@ class CommonOptions:
             default_feed=self.default_feed,
             block_delete=frozenset(self.block_delete),
             optional_stop=self.optional_stop,
-            outputs=Outputs(*self._outputs, picture=picture, stl=stl),  # type: ignore[arg-type]
+            outputs=cnc.Outputs(*self._outputs, picture=picture, stl=stl),  # type: ignore[arg-type]
             **others,  # type: ignore[arg-type]
         )
 
@@ -404,19 +310,10 @@ class CheckOptions:
         option("Check on a Dask cluster: address of its scheduler, such as tcp://host:8786."),
     ] = None
 
-    def machine(self, name: str | None) -> Machine:
-        """Return the machine of a file, with the raw part."""
-        from cnc.machine.load import load_machine, with_stock
-
-        machine = load_machine(name)
-        return machine if self.stock is None else with_stock(machine, self.stock)
-
-    def run_options(self, common: CommonOptions, *, picture: str | None = None) -> RunOptions:
+    def run_options(self, common: CommonOptions, *, picture: str | None = None) -> cnc.RunOptions:
         """Return the options of a check."""
-        from cnc.checks.selection import Selection
-
         return common.run_options(
-            selection=Selection(frozenset(_split(self.select)), frozenset(_split(self.ignore))),
+            selection=cnc.Selection(frozenset(_split(self.select)), frozenset(_split(self.ignore))),
             portable=tuple(_split(self.portable)),
             picture=picture,
             stl=self.stl,
@@ -426,7 +323,7 @@ class CheckOptions:
 
 def _split(listed: Sequence[str]) -> list[str]:
     """Return the items of lists that are separated by commas."""
-    return [item for each in listed for item in each.split(",") if item]
+    return [item for items in listed for item in items.split(",") if item]
 
 
 def check_files(
@@ -460,8 +357,8 @@ NEW_OBJECTS = 10_000
 """New objects after which the collector looks for garbage among them."""
 
 
-def library() -> ModuleType:
-    """Return :mod:`cnc.api`, with its objects excluded from garbage collection.
+def load_library() -> None:
+    """Import :mod:`cnc.api`, with its objects excluded from garbage collection.
 
     They live as long as the process, and the collector would visit them again and again: during
     the import it would take a tenth of the time. Later it visits the new objects less often than
@@ -473,9 +370,8 @@ def library() -> ModuleType:
     # pydantic would search all installed packages for extensions of itself.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     try:
-        from cnc import api
+        pass
     finally:
         gc.freeze()
         gc.set_threshold(NEW_OBJECTS)
         gc.enable()
-    return api

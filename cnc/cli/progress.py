@@ -9,6 +9,7 @@ from errno import EIO
 from time import monotonic
 from typing import TYPE_CHECKING
 
+import cnc
 from cnc.cli.keyboard import HELP, NO_TERMINAL
 from cnc.cli.run_screen import PlainLines, RunScreen
 from cnc.cli.signals import OperatorSignals, report_hang_up
@@ -18,7 +19,7 @@ from cnc.model.operator_control import Control
 if TYPE_CHECKING:
     from rich.progress import Progress
 
-    from cnc.session.context import Callbacks, Stage
+    from cnc.session.context import Stage
     from cnc.session.run_pulses import Progress as Sent
 
 
@@ -43,11 +44,9 @@ class ProgressDisplay:
         """Name no keys: no terminal gives them."""
         self._keys = NO_TERMINAL
 
-    def callbacks(self) -> Callbacks:
+    def callbacks(self) -> cnc.Callbacks:
         """Return the callbacks that keep the display up to date."""
-        from cnc.session.context import Callbacks
-
-        return Callbacks(
+        return cnc.Callbacks(
             on_progress=self._on_progress,
             on_warning=None if self._quiet else self.warn,
             on_compiling=None if self._quiet or self._bar else print_compiling,

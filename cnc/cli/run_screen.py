@@ -170,9 +170,9 @@ class PlainLines:
         if now - self._printed < PLAIN_INTERVAL:
             return
         self._printed = now
-        known = dict(rows(sent, self._control, total))
-        words = [known["state"]]
+        texts = dict(rows(sent, self._control, total))
+        words = [texts["state"]]
         if sent.at or sent.line:  # Homing has no lines.
-            words.append("line " + known["line"].partition("  ")[0])
-        words += [" ".join(known[label].split()) for label in ("machine", "time") if label in known]
+            words.append("line " + texts["line"].partition("  ")[0])
+        words += [" ".join(texts[label].split()) for label in ("machine", "time") if label in texts]
         print("; ".join(words), file=sys.stderr, flush=True)

@@ -24,6 +24,9 @@ from typing import TYPE_CHECKING, Any
 
 from cnc.model.operator_control import Control, StoppedAtOnce
 
+if sys.platform != "win32":
+    import termios
+
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer
 
@@ -64,18 +67,18 @@ class OperatorSignals:
                 HANGUP: self._hang_up,
                 SUSPEND: self._suspend,
             }
-            for each, handler in handlers.items():
+            for number, handler in handlers.items():
                 # nohup ignores SIGHUP, and a shell without job control ignores SIGTSTP.
-                ignored = each in (HANGUP, SUSPEND) and (
-                    each is None or signal.getsignal(each) is signal.SIG_IGN
+                ignored = number in (HANGUP, SUSPEND) and (
+                    number is None or signal.getsignal(number) is signal.SIG_IGN
                 )
-                if each is not None and not ignored:
-                    self._before[each] = signal.signal(each, handler)
+                if number is not None and not ignored:
+                    self._before[number] = signal.signal(number, handler)
         return self
 
     def __exit__(self, *_: object) -> None:
-        for each, handler in self._before.items():
-            signal.signal(each, handler)
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
         OperatorSignals.moved |= self.moving
         self.at_rest()
 
@@ -146,8 +149,6 @@ def _kept_terminal() -> Iterator[None]:
     if sys.platform == "win32":
         yield
         return
-    import termios
-
     try:
         file = sys.stdin.fileno()
         modes = termios.tcgetattr(file)

@@ -74,14 +74,14 @@ def hunks(a: Floats, b: Floats) -> list[Hunk]:
     j = np.concatenate(([max(begin - 1, 0)], pairs[:, 1] + begin, [len(b) - max(end, 1)]))
     differing: Ints = np.flatnonzero((np.diff(i) != 1) | (np.diff(j) != 1))
     last = len(i) - 2
-    found = [
+    between = [
         Hunk(int(i[k]), int(i[k + 1]), int(j[k]), int(j[k + 1]), k < last or end > 0)
         for k in differing
     ]
     if not end and last not in differing:
         # One move each, to different positions.
-        found.append(Hunk(int(i[last]), int(i[-1]), int(j[last]), int(j[-1]), False))
-    return [hunk for hunk in found if hunk.a1 > hunk.a0 or hunk.b1 > hunk.b0]
+        between.append(Hunk(int(i[last]), int(i[-1]), int(j[last]), int(j[-1]), False))
+    return [hunk for hunk in between if hunk.a1 > hunk.a0 or hunk.b1 > hunk.b0]
 
 
 def _agreeing(a: Ints, b: Ints) -> int:
@@ -240,7 +240,7 @@ class Recorder:
 
 # Distance of two tracks that are followed in step.
 #
-# Between two points that both pass (:mod:`cnc.compare.programs`) the tracks are sampled coarsely
+# Between two points that both pass the tracks are sampled coarsely
 # and aligned by dynamic time warping: the pairing of samples with the least sum of distances that
 # never goes backwards on either track. Then each point of one track is measured against the
 # stretch of the other that its neighbours are paired with. So a contour in the opposite direction
@@ -335,7 +335,7 @@ def farthest(a: Track, b: Track) -> Apart:
         one, other = _stretch(a, hunk.a0, hunk.a1), _stretch(b, hunk.b0, hunk.b1)
         bound = max(one.length, other.length) / (2.0 if hunk.closed else 1.0)
         stretches.append((bound, one, other))
-    for bound, one, other in sorted(stretches, key=lambda each: -each[0]):
+    for bound, one, other in sorted(stretches, key=lambda item: -item[0]):
         if bound <= best.distance:
             break
         best = _measured(one, other, best, 0)

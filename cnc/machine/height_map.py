@@ -96,26 +96,26 @@ def load_height_map(file: Path | str) -> HeightMap:
         raise _wrong(file, f"cannot be read: {error.strerror or error}") from error
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
-        place = ".".join(str(each) for each in first["loc"])
+        place = ".".join(str(part) for part in first["loc"])
         text = str(first["msg"]).removeprefix("Value error, ")
         raise _wrong(file, f"is no height map: {place + ': ' if place else ''}{text}") from error
 
 
-def save_height_map(found: HeightMap, file: Path | str) -> None:
+def save_height_map(surface: HeightMap, file: Path | str) -> None:
     """Write a height map.
 
     Raises:
         UsageError: ``height-map-file``.
     """
     try:
-        Path(file).write_text(height_map_text(found), encoding="utf-8")
+        Path(file).write_text(height_map_text(surface), encoding="utf-8")
     except OSError as error:
         raise _wrong(file, f"cannot be written: {error.strerror or error}") from error
 
 
-def height_map_text(found: HeightMap) -> str:
+def height_map_text(surface: HeightMap) -> str:
     """Return the text of the file, a row of the grid on each line."""
-    content = found.model_dump(mode="json")
+    content = surface.model_dump(mode="json")
     rows = ",\n".join(f"    {json.dumps(row)}" for row in content.pop("heights"))
     head = json.dumps(content, indent=None, ensure_ascii=False)[1:-1]
     return f'{{{head},\n  "heights": [\n{rows}\n  ]}}\n'

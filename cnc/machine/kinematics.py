@@ -64,8 +64,10 @@ class Custom(Table):
     @classmethod
     def moved_in(cls, table: Mapping[str, object]) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Return the axes and the joints of a table that is not validated yet."""
-        each = (table.get("of_axes"), table.get("of_joints"))
-        axes, joints = (tuple(map(str, names)) if isinstance(names, list) else () for names in each)
+        lists = (table.get("of_axes"), table.get("of_joints"))
+        axes, joints = (
+            tuple(map(str, names)) if isinstance(names, list) else () for names in lists
+        )
         return axes, joints
 
     def formulas(self) -> Kinematics:
@@ -74,10 +76,10 @@ class Custom(Table):
         Raises:
             MachineFileError: ``kinematics-unknown``, ``kinematics-parameters``.
         """
-        found = {each.name: each for each in entry_points(group=GROUP)}
-        entry = found.get(self.name)
+        entries = {point.name: point for point in entry_points(group=GROUP)}
+        entry = entries.get(self.name)
         if entry is None:
-            names = ", ".join(sorted(found)) or "none"
+            names = ", ".join(sorted(entries)) or "none"
             message = f"no installed package has the kinematics {self.name!r}"
             hint = f"registered in the entry point group {GROUP}: {names}"
             raise MachineFileError(Diagnostic("kinematics-unknown", message, hint=hint))

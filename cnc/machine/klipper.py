@@ -218,8 +218,8 @@ class KlipperBoard(Section):
 
     def axis(self, letter: str) -> KlipperAxis | None:
         """Return the motors of an axis, or of a joint with such a name."""
-        found: KlipperAxis | None = getattr(self, letter) if letter in AXIS_LETTERS else None
-        return found
+        table: KlipperAxis | None = getattr(self, letter) if letter in AXIS_LETTERS else None
+        return table
 
     def pins(self) -> Iterator[tuple[tuple[str, ...], str, str]]:
         """Yield key, use and text of each pin. Pins of the same use "enable" may be shared."""

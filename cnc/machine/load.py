@@ -1,4 +1,4 @@
-"""Loading of machine files, with errors that name file, key and line."""
+"""Loading of machine files: errors by file, key and line, contradictions, the JSON Schema."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def _depth(text: str) -> int:
 
 def key_locations(text: str) -> dict[tuple[str, ...], KeyLocation]:
     """Return the location of every key and table of a TOML text, by its full path."""
-    found: dict[tuple[str, ...], KeyLocation] = {}
+    locations: dict[tuple[str, ...], KeyLocation] = {}
     table: tuple[str, ...] = ()
     open_brackets = 0
     for number, line in enumerate(text.splitlines(), start=1):
@@ -85,32 +85,32 @@ def key_locations(text: str) -> dict[tuple[str, ...], KeyLocation]:
         if heading := _TABLE.match(line):
             table = _parts(heading[1])
             for depth in range(1, len(table) + 1):
-                found.setdefault(
+                locations.setdefault(
                     table[:depth], KeyLocation(number, heading.start(1) + 1, len(heading[1]), line)
                 )
         elif pair := _PAIR.match(line):
             key = table + _parts(pair[1])
             for depth in range(len(table) + 1, len(key) + 1):
-                found.setdefault(
+                locations.setdefault(
                     key[:depth], KeyLocation(number, pair.start(1) + 1, len(pair[1]), line)
                 )
             value = line[pair.end() :]
             if value.lstrip().startswith("{"):
                 for inner in _INLINE_PAIR.finditer(line, pair.end()):
-                    found.setdefault(
+                    locations.setdefault(
                         key + _parts(inner[1]),
                         KeyLocation(number, inner.start(1) + 1, len(inner[1]), line),
                     )
             open_brackets = _depth(value)
-    return found
+    return locations
 
 
 def locate(text: str, key: tuple[str, ...]) -> KeyLocation | None:
     """Return the location of ``key`` or of its nearest enclosing table; None without either."""
-    found = key_locations(text)
+    locations = key_locations(text)
     while key:
-        if key in found:
-            return found[key]
+        if key in locations:
+            return locations[key]
         key = key[:-1]
     return None
 
@@ -475,29 +475,29 @@ def _validation_error(
 
     Unknown keys come first, because a misspelt key is reported as a missing key, too.
     """
-    found = sorted(error.errors(include_url=False), key=lambda e: not _is_unknown_key(e))[0]
+    fault = sorted(error.errors(include_url=False), key=lambda e: not _is_unknown_key(e))[0]
     # pydantic appends its own locations to the key (an index, "[key]"); users see the keys only.
-    key = table + tuple(part for part in found["loc"] if isinstance(part, str) and part != "[key]")
+    key = table + tuple(part for part in fault["loc"] if isinstance(part, str) and part != "[key]")
     if key[0] == "kinematics" and len(key) > 2:
         key = ("kinematics", *key[2:])  # pydantic names the type of the kinematics, too
-    if _is_unknown_key(found):
+    if _is_unknown_key(fault):
         return _unknown_key(file, text, key)
-    kind = found["type"]
-    context = found.get("ctx", {})
+    kind = fault["type"]
+    context = fault.get("ctx", {})
     if kind == "union_tag_not_found":
         kinds = ", ".join(kind for model in KINEMATICS for kind in model.kinds())
         return _error(file, text, ("kinematics",), f"type is missing: {kinds}")
     if kind == "value_error":
         message = str(context["error"])
-    elif kind == "missing" and isinstance(found["loc"][-1], int):
+    elif kind == "missing" and isinstance(fault["loc"][-1], int):
         pair = "must be [lowest, highest]"
         message = "has too few numbers" if key[0] == "kinematics" else pair
     elif kind in _MESSAGES:
         message = _MESSAGES[kind].format(**context)
     else:
-        message = found["msg"]
-    if kind != "missing" and isinstance(found["input"], str | int | float):
-        message += f", not {_toml(found['input'])}"
+        message = fault["msg"]
+    if kind != "missing" and isinstance(fault["input"], str | int | float):
+        message += f", not {_toml(fault['input'])}"
     return _error(file, text, key, message)
 
 
@@ -512,24 +512,24 @@ def _toml(value: str | int | float) -> str:
 
 
 def _unknown_key(file: Traversable, text: str, key: tuple[str, ...]) -> MachineFileError:
-    known: list[str]
+    names: list[str]
     if len(key) == 1:
-        known = [
+        names = [
             "machine",
-            *(each for each in Machine.model_fields if each not in (*Header.model_fields, "file")),
+            *(name for name in Machine.model_fields if name not in (*Header.model_fields, "file")),
         ]
     elif key[0] == "kinematics":
         fields = [*dict.fromkeys(field for model in KINEMATICS for field in model.model_fields)]
-        known = fields
+        names = fields
     elif key[0] in ("axes", "joints"):
         if len(key) > 3:
-            known = list((Motor if key[2] == "motors" else Homing).model_fields)
+            names = list((Motor if key[2] == "motors" else Homing).model_fields)
         else:
-            known = list(Axis.model_fields if len(key) > 2 else AXIS_LETTERS)
+            names = list(Axis.model_fields if len(key) > 2 else AXIS_LETTERS)
     else:
-        known = list(_section(key).model_fields)
-    close = difflib.get_close_matches(key[-1].lower(), known, n=1, cutoff=0.6)
-    hint = f"did you mean {close[0]}?" if close else f"known keys: {', '.join(known)}"
+        names = list(_section(key).model_fields)
+    close = difflib.get_close_matches(key[-1].lower(), names, n=1, cutoff=0.6)
+    hint = f"did you mean {close[0]}?" if close else f"known keys: {', '.join(names)}"
     return _error(file, text, key, "there is no such key", hint)
 
 
@@ -582,10 +582,10 @@ class _TomlSchema(GenerateJsonSchema):
 
     def default_schema(self, schema: core_schema.WithDefaultSchema) -> JsonSchemaValue:
         """Return the schema of the value, with its default unless that is null or a table."""
-        found = super().default_schema(schema)
-        if isinstance(found.get("default"), dict | None):
-            found.pop("default", None)
-        return found
+        written = super().default_schema(schema)
+        if isinstance(written.get("default"), dict | None):
+            written.pop("default", None)
+        return written
 
 
 def machine_schema() -> dict[str, Any]:
@@ -654,10 +654,10 @@ def with_stock(machine: Machine, text: str, zero: Mapping[str, float] | None = N
             for letter, (low, high) in spans.items()
         }
         stock = stock.model_copy(update=moved)
-    found = machine.model_copy(update={"stock": stock})
-    for wrong in inconsistencies(found):
+    changed = machine.model_copy(update={"stock": stock})
+    for wrong in inconsistencies(changed):
         raise UsageError(Diagnostic("stock-malformed", wrong.message, hint=wrong.hint))
-    return found
+    return changed
 
 
 def _stock(text: str) -> Stock:

@@ -1,4 +1,4 @@
-"""The machine: axes, path limits, board, and the reading of programs, as pydantic models.
+"""The machine: axes, motors, path limits, board, and reading of programs, as pydantic models.
 
 The models are frozen. An unknown key is an error. Lengths are in mm (degrees for rotary axes),
 times in s. A limit that is absent does not limit. The acceleration and the jerk of each axis need a
@@ -457,7 +457,7 @@ class Machine(Section):
     @property
     def has_travel(self) -> bool:
         """Whether an axis or a joint has a travel."""
-        return any(each.travel for each in (*self.axes.values(), *self.joints.values()))
+        return any(axis.travel for axis in (*self.axes.values(), *self.joints.values()))
 
     @property
     def can_home(self) -> bool:
@@ -490,13 +490,13 @@ class Machine(Section):
         """
         if not self.kinematics.joints:
             return {str(letter): axis for letter, axis in self.axes.items()}
-        moved, found = self.kinematics.axes, {}
+        moved, tables = self.kinematics.axes, {}
         for letter, axis in self.axes.items():
             if letter not in moved:
-                found[str(letter)] = axis
+                tables[str(letter)] = axis
             elif letter == next(other for other in self.axes if other in moved):
-                found |= {name: self.joints[name] for name in self.kinematics.joints}
-        return found
+                tables |= {name: self.joints[name] for name in self.kinematics.joints}
+        return tables
 
     @property
     def tip_columns(self) -> int:

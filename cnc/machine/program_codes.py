@@ -38,7 +38,7 @@ def _codes(value: Any) -> Any:
     """Return a table of codes by their numbers: ``M31`` and ``M031`` are 31."""
     if not isinstance(value, Mapping):
         return value
-    found: dict[int, Any] = {}
+    actions: dict[int, Any] = {}
     for name, action in value.items():
         if isinstance(name, int):
             number = name
@@ -47,14 +47,14 @@ def _codes(value: Any) -> Any:
             if code is None:
                 raise ValueError(f"{name} is not an M-code such as M31")
             number = int(code[1])
-        if number in found:
+        if number in actions:
             raise ValueError(f"M{number} is given twice")
         if not _is_action(action):
             raise ValueError(f"M{number} must be {_ACTIONS}")
         if number in (0, 1, 2, 30, 98, 99):
             raise ValueError(f"M{number} stops or calls a program and keeps its meaning")
-        found[number] = action
-    return found
+        actions[number] = action
+    return actions
 
 
 def _is_action(value: Any) -> bool:

@@ -413,11 +413,11 @@ def blocks_of(
         columns: Values of the other attributes, in their order, all given. ``repeat`` may be one.
     """
     new = object.__new__
-    found = list(map(new, repeat(kind, len(lines))))
-    for each, values in zip(fields(kind), (files, lines, *columns), strict=True):
+    blocks = list(map(new, repeat(kind, len(lines))))
+    for attribute, values in zip(fields(kind), (files, lines, *columns), strict=True):
         # The classes are frozen, but their slots can be set.
-        deque(map(getattr(kind, each.name).__set__, found, values), maxlen=0)
-    return found
+        deque(map(getattr(kind, attribute.name).__set__, blocks, values), maxlen=0)
+    return blocks
 
 
 Moves = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]

@@ -25,7 +25,8 @@ def printable(text: str) -> str:
     """Return text on one line whose control characters are escapes."""
     if not text.isprintable():
         text = "".join(
-            each if each.isprintable() else each.encode("unicode_escape").decode() for each in text
+            character if character.isprintable() else character.encode("unicode_escape").decode()
+            for character in text
         )
     return text.replace("##[", "#\\x23[")
 
@@ -116,7 +117,7 @@ class Diagnostic:
                 c if c.isprintable() else " " for c in self.text[first : first + SHOWN_CHARACTERS]
             )
             # As in cnc.model.diagnostics, but each character keeps its column.
-            shown = re.sub(r"^\s*:+(?=:)", lambda found: " " * len(found[0]), shown)
+            shown = re.sub(r"^\s*:+(?=:)", lambda match: " " * len(match[0]), shown)
             lines.append("  " + shown.replace("##[", "# ["))
             if self.column:
                 marked = min(
@@ -151,13 +152,13 @@ class CncError(Exception):
             line: New line, or None to keep the known one.
             text: New source line, or None to keep the known one.
         """
-        known = self.diagnostic
+        finding = self.diagnostic
         return type(self)(
             replace(
-                known,
-                file=known.file if file is None else file,
-                line=known.line if line is None else line,
-                text=known.text if text is None else text,
+                finding,
+                file=finding.file if file is None else file,
+                line=finding.line if line is None else line,
+                text=finding.text if text is None else text,
             )
         )
 

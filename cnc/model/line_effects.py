@@ -100,20 +100,20 @@ def row_type(axes: int) -> np.dtype[np.void]:
 
 def rows_of(lines: Sequence[int], effects: Sequence[LineEffect | None]) -> NDArray[np.void]:
     """Return the rows of lines with these source lines and effects."""
-    known = [effect or MODES for effect in effects]
-    axes = max((len(effect.target) for effect in known), default=len(NOT_NAMED))
-    rows = np.empty(len(known), row_type(axes))
+    complete = [effect or MODES for effect in effects]
+    axes = max((len(effect.target) for effect in complete), default=len(NOT_NAMED))
+    rows = np.empty(len(complete), row_type(axes))
     rows["line"] = lines
     rows["kind"] = [UNKNOWN if effect is None else effect.kind for effect in effects]
-    rows["plane"] = [effect.plane for effect in known]
+    rows["plane"] = [effect.plane for effect in complete]
     missing = (math.nan,) * axes
     rows["target"] = [
         effect.target if len(effect.target) == axes else (*effect.target, *missing)[:axes]
-        for effect in known
+        for effect in complete
     ] or np.empty((0, axes))
-    rows["feed"] = [effect.feed for effect in known]
-    rows["center"] = [effect.center for effect in known] or np.empty((0, 2))
-    rows["seconds"] = [effect.seconds for effect in known]
+    rows["feed"] = [effect.feed for effect in complete]
+    rows["center"] = [effect.center for effect in complete] or np.empty((0, 2))
+    rows["seconds"] = [effect.seconds for effect in complete]
     return rows
 
 

@@ -1,4 +1,4 @@
-"""Files that are kept between runs: their content is checked, and a damaged file is set aside."""
+"""Files that are kept between runs, and their folder; a damaged file is set aside."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ def read_state(
         The content, None if there is no file or it is damaged; a warning if it is damaged.
     """
     try:
-        found = file.stat()
-        if not stat.S_ISREG(found.st_mode):
+        status = file.stat()
+        if not stat.S_ISREG(status.st_mode):
             reason = "it is no regular file"
-        elif found.st_size > LARGEST:
+        elif status.st_size > LARGEST:
             reason = f"it is larger than {LARGEST} bytes"
         else:
             return model.model_validate_json(file.read_bytes()), []
@@ -45,7 +45,7 @@ def read_state(
         return None, []
     except ValidationError as error:
         first = error.errors(include_url=False, include_input=False)[0]
-        place = ".".join(str(each) for each in first["loc"])[:80]
+        place = ".".join(str(part) for part in first["loc"])[:80]
         reason = f"{place + ': ' if place else ''}{first['msg']}"
     except OSError as error:
         reason = error.strerror or str(error)

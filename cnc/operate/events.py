@@ -173,9 +173,9 @@ class Finding:
     severity: Severity = "error"
 
     @classmethod
-    def of(cls, found: Diagnostic) -> Finding:
+    def of(cls, diagnostic: Diagnostic) -> Finding:
         """Return the finding of a diagnostic."""
-        return cls(**{each.name: getattr(found, each.name) for each in fields(Diagnostic)})
+        return cls(**{field.name: getattr(diagnostic, field.name) for field in fields(Diagnostic)})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -227,15 +227,15 @@ Listener = Callable[[Event], None]
 
 def as_object(event: Event, now: float | None = None) -> dict[str, Any]:
     """Return an event in its JSON form; ``now``: seconds since 1970, None for the present."""
-    found = {"event": event.event, "time": round(time.time() if now is None else now, 3)}
-    return found | {each.name: _plain(getattr(event, each.name)) for each in fields(event)}
+    common = {"event": event.event, "time": round(time.time() if now is None else now, 3)}
+    return common | {field.name: _plain(getattr(event, field.name)) for field in fields(event)}
 
 
 def _plain(value: Any) -> Any:
     if is_dataclass(value):
-        return {each.name: _plain(getattr(value, each.name)) for each in fields(value)}
+        return {part.name: _plain(getattr(value, part.name)) for part in fields(value)}
     if isinstance(value, tuple):
-        return [_plain(each) for each in value]
+        return [_plain(part) for part in value]
     return value
 
 

@@ -132,9 +132,9 @@ class Grid:
             tuple(round(parameters[FIRST_PARAMETER + row * len(xs) + k], 6) for k in range(len(xs)))
             for row in range(len(ys))
         )
-        found = HeightMap(
-            x=tuple(round(each + work_zero["x"], 6) for each in xs),
-            y=tuple(round(each + work_zero["y"], 6) for each in ys),
+        surface = HeightMap(
+            x=tuple(round(place + work_zero["x"], 6) for place in xs),
+            y=tuple(round(place + work_zero["y"], 6) for place in ys),
             heights=heights,
             interpolation=self.interpolation,
             tolerance=self.tolerance,
@@ -142,17 +142,17 @@ class Grid:
             work_zero={letter: round(value, 6) for letter, value in work_zero.items()},
             probed=datetime.now(UTC).isoformat(timespec="seconds"),
         )
-        low, high = found.extremes
+        low, high = surface.extremes
         if max(abs(low), abs(high)) > FARTHEST:
             message = f"the surface is at Z{low:.3f} to {high:.3f} of {system}, far from its zero"
             hint = "set Z zero on the surface first, or let the first contact set it (zero)"
             raise UsageError(Diagnostic("height-map-grid", message, hint=hint))
-        return found
+        return surface
 
 
 def not_probed(ended: JobEnded) -> CncError:
     """Return the fault of a grid whose probing has not reached its end."""
-    errors = [each for each in ended.findings if each.severity == "error"]
+    errors = [finding for finding in ended.findings if finding.severity == "error"]
     reason = errors[0].message if errors else "it was stopped"
     message = f"the surface is not probed: {reason}"
     hint = "correct the cause, and probe the whole grid again"

@@ -1,4 +1,6 @@
-"""End point and speed of a jog: within the travel, and slow enough to come to rest in time.
+"""Jogs: their end point and speed, and the plan of a jog on a pulse board.
+
+A jog ends within the travel, and is slow enough to come to rest in time.
 
 A jerk-limited stop from speed v takes
 
@@ -98,9 +100,9 @@ def jog_speed(machine: Machine, direction: Mapping[str, float], rest: float) -> 
     path = machine.path
 
     def least(name: str) -> float:
-        each = ((getattr(machine.axes[letter], name), part) for letter, part in direction.items())  # type: ignore[index]
+        limits = ((getattr(machine.axes[letter], name), part) for letter, part in direction.items())  # type: ignore[index]
         return min(
-            (limit / abs(part) for limit, part in each if limit is not None), default=math.inf
+            (limit / abs(part) for limit, part in limits if limit is not None), default=math.inf
         )
 
     acceleration = min(least("max_acceleration"), path.max_tangential_acceleration or math.inf)
@@ -247,11 +249,11 @@ def jog(
         separate_axes=board.capabilities.separate_axes,
     )
     # A jog that has failed by here leaves nothing behind for the next motion.
-    if (known := board.known_steps) is not None and board.capabilities.limit_switches:
+    if (counted := board.known_steps) is not None and board.capabilities.limit_switches:
         # Without homing the machine counts from the assumed start, as in a program.
         board.prepare_next_start(
             watched=[not closed for closed in board.switches],
-            known=[steps is not None or not machine.can_home for steps in known],
+            known=[steps is not None or not machine.can_home for steps in counted],
         )
     # A joint may be faster than the tool.
     board.prepare_jog(math.inf if machine.kinematics.joints else feed)

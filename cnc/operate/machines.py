@@ -1,4 +1,7 @@
-"""A machine as a session operates it, whatever its board: readings, jogs, offsets."""
+"""A machine as a session operates it, behind a board for lines or for pulses.
+
+Readings, jogs, offsets; and the boards for an operator.
+"""
 
 from __future__ import annotations
 
@@ -224,17 +227,17 @@ class LineMachine:
 
     def keep_shift(self, parameters: Mapping[int, float]) -> None:
         """Set the shift of G92 on the board, if it is another one now."""
-        known = named_offsets(self.board, self.machine)
+        kept = named_offsets(self.board, self.machine)
         in_effect = parameters.get(numbers.SHIFT_IN_EFFECT) == 1.0
         wanted = {
             letter: in_effect * parameters.get(numbers.SHIFT + AXIS_LETTERS.index(letter), 0.0)
             for letter in self.machine.axes
         }
-        changed = [each for each in wanted if abs(wanted[each] - known["G92"][each]) > CHANGED]
+        changed = [axis for axis in wanted if abs(wanted[axis] - kept["G92"][axis]) > CHANGED]
         place = self.readings().position
         if changed:
             self.set_work_position(
-                "G92", {each: place[each] - known["G54"][each] - wanted[each] for each in changed}
+                "G92", {axis: place[axis] - kept["G54"][axis] - wanted[axis] for axis in changed}
             )
 
     def revive(self) -> None:
@@ -277,10 +280,10 @@ class PulseMachine:
             inputs = {
                 f"limit {name}": shut for name, shut in zip(names, board.switches, strict=False)
             }
-            known = [steps is not None for steps in board.known_steps or ()]
-            homed = dict(zip(map(str, machine.axes), known, strict=False))
+            certain = [steps is not None for steps in board.known_steps or ()]
+            homed = dict(zip(map(str, machine.axes), certain, strict=False))
             if machine.kinematics.joints:
-                homed = {letter: all(known) for letter in homed}
+                homed = {letter: all(certain) for letter in homed}
         return Readings(
             self._by_axis(self.tip()), "idle", homed if machine.can_home else {}, None, None, inputs
         )
@@ -326,17 +329,17 @@ class PulseMachine:
     def tip(self) -> Floats:
         """Return the position of the axes (axes,), mm."""
         board = self.board
-        known: Sequence[int | None] | None = board.known_steps
-        if known is None:
-            known = board.position_steps.tolist()
-        steps = homed_steps(self.machine, (), known, self._start)
+        counted: Sequence[int | None] | None = board.known_steps
+        if counted is None:
+            counted = board.position_steps.tolist()
+        steps = homed_steps(self.machine, (), counted, self._start)
         return self._joints.tip(steps / self._joints.machine.steps_per_mm)
 
     def offsets(self) -> dict[str, dict[str, float]]:
         """Return the offsets of the parameter file."""
         values = self._values()
         columns = {letter: AXIS_LETTERS.index(letter) for letter in self.machine.axes}
-        found = {
+        offsets = {
             name: {
                 str(letter): values.get(numbers.origin(system) + column, 0.0)
                 for letter, column in columns.items()
@@ -344,11 +347,11 @@ class PulseMachine:
             for system, name in enumerate(numbers.SYSTEMS)
         }
         in_effect = values.get(numbers.SHIFT_IN_EFFECT, 0.0) == 1.0
-        found["G92"] = {
+        offsets["G92"] = {
             str(letter): values.get(numbers.SHIFT + column, 0.0) if in_effect else 0.0
             for letter, column in columns.items()
         }
-        return found
+        return offsets
 
     def set_work_position(self, system: str, values: Mapping[str, float]) -> None:
         """Write an offset to the parameter file, and read it back.

@@ -105,7 +105,7 @@ class ModalMemory:
         order = (*GROUPS, *(letter for letter in "FS" if letter not in own))
         modes = " ".join(self._kept[name] for name in order if name in self._kept)
         tool = f"M61 Q{self._tool}" if self._tool else ""
-        return [each for each in (tool, self._length, modes) if each]
+        return [line for line in (tool, self._length, modes) if line]
 
     def forget(self) -> None:
         """Return to the defaults of a program."""

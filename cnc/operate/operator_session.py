@@ -1,7 +1,7 @@
 """The operator session: it operates one machine, from the connection to the end.
 
-It is put together from parts: the worker carries out one activity at a time
-(:mod:`cnc.operate.program_session`), and :mod:`cnc.operate.program_session` runs programs.
+It is put together from parts: the worker carries out one activity at a time, and
+programs run there (:mod:`cnc.operate.program_session`).
 """
 
 from __future__ import annotations
@@ -58,11 +58,11 @@ def read_settings(board: PulseSink | LineSink, machine: Machine) -> list[BoardSe
     """Return the settings of a board by number. UsageError ``no-settings``."""
     settings = board.numbered_settings()
     names, other = settings.names(), settings.differing(machine)
-    found = []
+    listed = []
     for number, value in sorted(settings.values.items()):
         name, _, unit = names.get(number, "").partition(", ")
-        found.append(BoardSetting(number, value, name, unit, other.get(number)))
-    return found
+        listed.append(BoardSetting(number, value, name, unit, other.get(number)))
+    return listed
 
 
 def change_setting(board: PulseSink | LineSink, number: int, value: str) -> None:
@@ -158,11 +158,11 @@ def answered(action: Callable[[], Any]) -> Future[Any]:
     future: Future[Any] = Future()
     future.set_running_or_notify_cancel()
     try:
-        found = action()
+        answer = action()
     except Exception as error:
         future.set_exception(error)
     else:
-        future.set_result(found)
+        future.set_result(answer)
     return future
 
 
@@ -258,15 +258,17 @@ class OperatorSession:
     @property
     def limited_machine(self) -> Machine:
         """The machine with the travel of the board, and the kind of the board."""
-        known = self.machine if self._worker.operated is None else self._worker.operated.machine
-        board = known.board.model_copy(update={"kind": self._worker.view.board or known.board.kind})
-        return known.model_copy(update={"board": board})
+        machine = self.machine if self._worker.operated is None else self._worker.operated.machine
+        board = machine.board.model_copy(
+            update={"kind": self._worker.view.board or machine.board.kind}
+        )
+        return machine.model_copy(update={"board": board})
 
     @property
     def travel(self) -> dict[str, tuple[float, float] | None]:
         """Travel of each axis, mm, as the board limits it."""
-        known = self.machine if self._worker.operated is None else self._worker.operated.machine
-        return {str(letter): axis.travel for letter, axis in known.axes.items()}
+        machine = self.machine if self._worker.operated is None else self._worker.operated.machine
+        return {str(letter): axis.travel for letter, axis in machine.axes.items()}
 
     # Connection
 
@@ -565,9 +567,9 @@ class OperatorSession:
                 for letter, axis in limits.axes.items()
             }
             limits = limits.model_copy(update={"axes": axes})
-        found = plan(limits, readings.position, wanted, feed, operated.rest)
-        assert isinstance(found, jogging.JogMove)
-        return found
+        move = plan(limits, readings.position, wanted, feed, operated.rest)
+        assert isinstance(move, jogging.JogMove)
+        return move
 
     def _carry_out_jog(self, move: jogging.JogMove, control: Control) -> None:
         if control.held:

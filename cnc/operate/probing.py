@@ -66,13 +66,13 @@ def shipped_cycles() -> Path:
 
 def cycles(machine: Machine) -> list[Cycle]:
     """Return the cycles of the machine's subroutine folders, by name; a first folder wins."""
-    found: dict[str, Cycle] = {}
+    by_name: dict[str, Cycle] = {}
     for folder in machine.program.subroutines:
         for file in sorted(Path(folder).glob("*.ngc")):
             cycle = _read(file)
             if cycle is not None:
-                found.setdefault(cycle.name, cycle)
-    return [found[name] for name in sorted(found)]
+                by_name.setdefault(cycle.name, cycle)
+    return [by_name[name] for name in sorted(by_name)]
 
 
 def mdi_line(name: str, values: Mapping[str, float], machine: Machine) -> str:
@@ -81,21 +81,21 @@ def mdi_line(name: str, values: Mapping[str, float], machine: Machine) -> str:
     Raises:
         UsageError: ``no-such-cycle``, ``cycle-parameter``.
     """
-    known = {cycle.name: cycle for cycle in cycles(machine)}
-    if name not in known:
-        hint = f"cycles are {', '.join(known) or 'none'}"
+    by_name = {cycle.name: cycle for cycle in cycles(machine)}
+    if name not in by_name:
+        hint = f"cycles are {', '.join(by_name) or 'none'}"
         raise UsageError(
             Diagnostic("no-such-cycle", f"there is no probing cycle {name}", hint=hint)
         )
-    cycle = known[name]
-    names = [each.name for each in cycle.parameters]
+    cycle = by_name[name]
+    names = [arguments.name for arguments in cycle.parameters]
     for given, value in values.items():
         if given not in names or not math.isfinite(value):
             message = f"the cycle {name} has no parameter {given}, or {value!r} is not a number"
             hint = f"its parameters are {', '.join(names) or 'none'}"
             raise UsageError(Diagnostic("cycle-parameter", message, hint=hint))
-    each = (values.get(parameter.name, parameter.default) for parameter in cycle.parameters)
-    return " ".join([f"o<{name}> call", *(f"[{value:.6f}]" for value in each)])
+    arguments = (values.get(parameter.name, parameter.default) for parameter in cycle.parameters)
+    return " ".join([f"o<{name}> call", *(f"[{value:.6f}]" for value in arguments)])
 
 
 def _read(file: Path) -> Cycle | None:
@@ -108,9 +108,9 @@ def _read(file: Path) -> Cycle | None:
     title = _TITLE.fullmatch(head[0]) if head else None
     if title is None:
         return None
-    found: dict[int, Parameter] = {}
+    parameters: dict[int, Parameter] = {}
     for line in head[1:]:
         if not (match := _PARAMETER.fullmatch(line)):
             break
-        found[int(match[1])] = Parameter(match[2], match[4], float(match[3]))
-    return Cycle(file.stem, title[1], tuple(found[number] for number in sorted(found)))
+        parameters[int(match[1])] = Parameter(match[2], match[4], float(match[3]))
+    return Cycle(file.stem, title[1], tuple(parameters[number] for number in sorted(parameters)))

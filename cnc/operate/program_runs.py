@@ -166,11 +166,11 @@ class RunWatch:
                 JobProgress(program=self._program, stage=stage, line=line, lines=lines)
             )
 
-    def _warning(self, found: Diagnostic) -> None:
-        if found.severity == "warning" and not found.file:
-            self._doubts.append(found.message)
-        if _own(found, self._skipped):
-            self._events.emit(Notice(finding=Finding.of(_moved(found, self._skipped))))
+    def _warning(self, finding: Diagnostic) -> None:
+        if finding.severity == "warning" and not finding.file:
+            self._doubts.append(finding.message)
+        if _own(finding, self._skipped):
+            self._events.emit(Notice(finding=Finding.of(_moved(finding, self._skipped))))
 
     def _sent(self, progress: Progress) -> None:
         self._on_progress(progress)
@@ -199,15 +199,15 @@ def ended(report: Report, program: str, skipped: int = 0) -> JobEnded:
     """
     stopped = report.stopped_at_line is not None
     outcome: Outcome = "failed" if report.faults else "stopped" if stopped else "done"
-    own = [each for each in report.warnings if _own(each, skipped)]
-    found = [fault.diagnostic for fault in report.faults] + own
+    own = [finding for finding in report.warnings if _own(finding, skipped)]
+    findings = [fault.diagnostic for fault in report.faults] + own
     return JobEnded(
         program=program,
         outcome=outcome,
         seconds=report.duration_s,
         stopped_at_line=report.stopped_at_line or None,
         resume_line=report.resume_line,
-        findings=tuple(Finding.of(_moved(each, skipped)) for each in found),
+        findings=tuple(Finding.of(_moved(finding, skipped)) for finding in findings),
         exit_code=report.exit_code,
     )
 
@@ -222,12 +222,12 @@ def failed(error: CncError, program: str) -> JobEnded:
     )
 
 
-def _own(found: Diagnostic, skipped: int) -> bool:
+def _own(finding: Diagnostic, skipped: int) -> bool:
     """Return whether a finding is not about the modes that stand before the operator's text."""
-    return found.file != MDI_NAME or found.line > skipped
+    return finding.file != MDI_NAME or finding.line > skipped
 
 
-def _moved(found: Diagnostic, skipped: int) -> Diagnostic:
-    if found.file != MDI_NAME or found.line <= skipped:
-        return found
-    return replace(found, line=found.line - skipped)
+def _moved(finding: Diagnostic, skipped: int) -> Diagnostic:
+    if finding.file != MDI_NAME or finding.line <= skipped:
+        return finding
+    return replace(finding, line=finding.line - skipped)

@@ -1,4 +1,4 @@
-"""Programs of an operator session: files, entered lines, macros and probing."""
+"""The worker of an operator session, and its programs: files, lines, macros and probing."""
 
 from __future__ import annotations
 
@@ -256,9 +256,9 @@ class Worker:
         log.error("%s", error.diagnostic.render())
         self.events.emit(Alarm(finding=Finding.of(error.diagnostic)))
 
-    def notice(self, found: Diagnostic) -> None:
+    def notice(self, diagnostic: Diagnostic) -> None:
         """Report a finding."""
-        self.events.emit(Notice(finding=Finding.of(found)))
+        self.events.emit(Notice(finding=Finding.of(diagnostic)))
 
 
 def not_connected() -> UsageError:
@@ -275,8 +275,8 @@ def macro_names(folder: Path | None) -> list[str]:
     """Return the names of the macros of a folder, sorted."""
     if folder is None or not folder.is_dir():
         return []
-    found = (file for file in folder.iterdir() if file.suffix in (".ngc", ".nc"))
-    return sorted(file.name for file in found if file.is_file())
+    files = (file for file in folder.iterdir() if file.suffix in (".ngc", ".nc"))
+    return sorted(file.name for file in files if file.is_file())
 
 
 class Programs:
@@ -303,27 +303,29 @@ class Programs:
         system = view.system
         height = view.work_position(system)["z"]
         text = f"{system}\n{grid.program(height)}".encode()
-        found: dict[int, float] = {}
+        parameters: dict[int, float] = {}
         program = InlineProgram(MDI_NAME, text)
         options = replace(CYCLES, trust_position=trust_position)
-        ended = self._run(program, HEIGHT_MAP, options, 1, found.update)
+        ended = self._run(program, HEIGHT_MAP, options, 1, parameters.update)
         if ended.outcome != "done":
             raise not_probed(ended)
         work, place = view.work_position(system), view.readings.position
-        return grid.height_map(found, system, {each: place[each] - work[each] for each in work})
+        return grid.height_map(
+            parameters, system, {letter: place[letter] - work[letter] for letter in work}
+        )
 
     def mdi(self, line: str, *, trust_position: bool) -> JobEnded:
         """Run a line, with the modal state of the lines before it."""
         before = self._modal.before(line)
         text = f"{before}\n{line}\n" if before else f"{line}\n"
         skipped = before.count("\n") + 1 if before else 0
-        found: dict[int, float] = {}
+        parameters: dict[int, float] = {}
         program = InlineProgram(MDI_NAME, text.encode())
         options = RunOptions(trust_position=trust_position)
-        ended = self._run(program, MDI_NAME, options, skipped, found.update)
+        ended = self._run(program, MDI_NAME, options, skipped, parameters.update)
         # A line that was stopped has set its modes before it moved.
         if ended.outcome != "failed":
-            self._after_line(line, found)
+            self._after_line(line, parameters)
         return ended
 
     def _after_line(self, line: str, parameters: Mapping[int, float]) -> None:
@@ -348,9 +350,9 @@ class Programs:
 
     def macro(self, name: str) -> Path:
         """Return the file of a macro. UsageError ``no-such-macro``."""
-        known = macro_names(self._macros)
-        if self._macros is None or name not in known:
-            hint = f"macros are {', '.join(known) or 'none'}"
+        names = macro_names(self._macros)
+        if self._macros is None or name not in names:
+            hint = f"macros are {', '.join(names) or 'none'}"
             raise UsageError(Diagnostic("no-such-macro", f"there is no macro {name}", hint=hint))
         return self._macros / name
 

@@ -101,7 +101,7 @@ class StateView:
         )
         if reported is not None:
             chosen = Overrides(feed=reported[0], rapid=reported[1], spindle=reported[2])
-        found = State(
+        state = State(
             board=self.board,
             state=_state(readings.state, activity),
             activity=activity,
@@ -117,12 +117,12 @@ class StateView:
             modes=self.modes,
         )
         if progress is None:
-            return found
+            return state
         ahead = progress.ahead
         buffered = progress.buffered if ahead is None else round(ahead * MS_PER_S)
         return replace(
-            found,
-            feed=found.feed if machine is None or machine.feed is None else machine.feed,
+            state,
+            feed=state.feed if machine is None or machine.feed is None else machine.feed,
             tool=progress.tool,
             # As in the text: what the board plays, not what it has taken.
             line=progress.at or progress.line,

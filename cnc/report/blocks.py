@@ -29,8 +29,8 @@ class BlockWriter(Writer[TextTarget]):
         source = {} if block.file == self._program else {"file": block.file}
         self._target.write(
             "".join(
-                json.dumps(each | source, allow_nan=False) + "\n"
-                for each in block_objects(block, self._axes)
+                json.dumps(part | source, allow_nan=False) + "\n"
+                for part in block_objects(block, self._axes)
             )
         )
 

@@ -49,8 +49,8 @@ def _command(finding: Diagnostic) -> str:
 
 def _escaped(text: str, more: Iterable[str] = ()) -> str:
     """Escape the characters that would end a workflow command or begin another."""
-    for each in ("%", "\r", "\n", *more):
-        text = text.replace(each, f"%{ord(each):02X}")
+    for character in ("%", "\r", "\n", *more):
+        text = text.replace(character, f"%{ord(character):02X}")
     return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
@@ -109,10 +109,10 @@ def _add_case(suite: ElementTree.Element, report: Report) -> ElementTree.Element
             message=_clean(first.message),
         )
         result.text = "\n".join(messages)
-    warnings = [each for each in report.counting if each.severity != "error"]
+    warnings = [finding for finding in report.counting if finding.severity != "error"]
     if warnings:
         ElementTree.SubElement(case, "system-out").text = _clean(
-            "\n".join(each.render() for each in warnings)
+            "\n".join(finding.render() for finding in warnings)
         )
     return case
 

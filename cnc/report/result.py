@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, field
+from typing import Any
 
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import EXIT_REJECTED, CncError, Diagnostic
-
-if TYPE_CHECKING:
-    from cnc.report import models
-    from cnc.report.models import PathDynamics
-
 
 # Numbers, times and coordinates as text for people.
 
@@ -69,19 +64,6 @@ class Changes:
     figures: dict[str, tuple[float, float]]
     box: dict[str, tuple[list[float] | None, list[float] | None]]
 
-    def as_model(self) -> models.Changes:
-        """Return the differences as a part of the summary."""
-        from cnc.report import models
-
-        figures: dict[str, Any] = {name: list(pair) for name, pair in self.figures.items()}
-        return models.Changes.model_construct(
-            known=self.known,
-            new=[finding_model(each) for each in self.new],
-            gone=[finding_model(each) for each in self.gone],
-            **figures,
-            bounding_box={axis: list(pair) for axis, pair in self.box.items()},
-        )
-
     def lines(self) -> list[str]:
         """Return the differences as lines of text; none if nothing changed."""
         if not self.known:
@@ -94,34 +76,14 @@ class Changes:
             else:
                 lines.append(f"path length: {number(then)} -> {number(now)} mm{share}")
         for axis, pair in self.box.items():
-            ends = [" .. ".join(map(position, each)) if each else "none" for each in pair]
+            ends = [" .. ".join(map(position, entry)) if entry else "none" for entry in pair]
             lines.append(f"{axis.upper()}: {ends[0]} -> {ends[1]}")
         for word, findings in ("new", self.new), ("gone", self.gone):
             lines += [
-                f"{word}: {each.severity} {each.line or '-'}: {each.code}: {each.message}"
-                for each in findings
+                f"{word}: {entry.severity} {entry.line or '-'}: {entry.code}: {entry.message}"
+                for entry in findings
             ]
         return lines
-
-
-def finding_model(found: Diagnostic, *, with_hint: bool = False) -> models.Finding:
-    """Return a finding as a part of the summary.
-
-    Args:
-        found: the finding.
-        with_hint: whether the part has the column and the hint.
-    """
-    from cnc.report import models
-
-    more: dict[str, Any] = {"column": found.column, "hint": found.hint} if with_hint else {}
-    return models.Finding.model_construct(
-        code=found.code,
-        message=found.message,
-        file=found.file,
-        line=found.line,
-        severity=found.severity,
-        **more,
-    )
 
 
 LIMIT_NAMES = ("feed", "accel", "jerk", "normal_accel", "chord_error", "step_deviation")
@@ -183,13 +145,6 @@ class Extremes:
                 for letter, axis in machine.joint_tables.items()
             },
         )
-
-    def as_model(self) -> PathDynamics:
-        """Return the values as a part of the summary."""
-        from cnc.report.models import PathDynamics
-
-        values = {name: getattr(self, name) for name in LIMIT_NAMES}
-        return PathDynamics.model_construct(**values, axes=self.axes)
 
 
 @dataclass(slots=True)
@@ -366,7 +321,7 @@ class Report:
         """The faults that decide how a check ends."""
         if self.changes is None:
             return self.faults
-        new = {id(found) for found in self.changes.new}
+        new = {id(finding) for finding in self.changes.new}
         return [fault for fault in self.faults if id(fault.diagnostic) in new]
 
     def raise_if_faulty(self) -> None:
@@ -376,44 +331,7 @@ class Report:
 
     def as_json(self) -> dict[str, Any]:
         """Return the summary in the form of the public JSON file."""
-        # The models are imported here, because most runs do not write JSON.
-        from cnc.report import models
+        # Most runs write no JSON, and the models take a while to build.
+        from cnc.report.models import summary_of
 
-        total = self.timing.total_s
-        changes: dict[str, Any] = (
-            {} if self.changes is None else {"changes": self.changes.as_model()}
-        )
-        assumed: dict[str, Any] = {"assumed": self.assumed} if self.assumed else {}
-        played: dict[str, Any] = {} if self.played_s is None else {"played_s": self.played_s}
-        cut: dict[str, Any] = {}
-        if self.cut is not None:
-            cut["stock"] = models.Stock.model_construct(**asdict(self.cut))
-        if self.height_map is not None:
-            cut["height_map"] = models.WarpedBy.model_construct(**asdict(self.height_map))
-        return models.Summary.model_construct(
-            program=self.program,
-            machine=self.machine.name,
-            dialect=self.dialect,
-            **assumed,
-            ok=self.ok,
-            lines=self.lines,
-            blocks=self.blocks,
-            errors=[finding_model(each, with_hint=True) for each in self.findings],
-            duration_s=self.duration_s,
-            **played,
-            **cut,
-            path_length_mm=self.path_length_mm,
-            travel_checked=self.machine.has_travel,
-            bounding_box={axis: list(box) for axis, box in self.bounding_box.items()},
-            end_position=self.end_position,
-            max=self.largest.as_model(),
-            limits=self.limits.as_model(),
-            violations=self.violations,
-            steps=self.steps,
-            pulse_error_blu=self.pulse_error_blu,
-            stopped_at_line=self.stopped_at_line,
-            timing=models.Timing.model_construct(**asdict(self.timing)),
-            lines_per_s=self.lines / total if total else 0.0,
-            steps_per_s=sum(self.steps.values()) / total if total else 0.0,
-            **changes,
-        ).as_json()
+        return summary_of(self).as_json()

@@ -214,7 +214,7 @@ def _axes(report: Report, verbose: bool) -> list[str]:
     """Return a table with extent, end position and steps of each axis; a heading comes first."""
     columns = ["axis", "from", "to", "travel", "ends at", "steps"]
     if verbose:
-        columns += [f"{each} (limit)" for each in AXIS_LIMIT_NAMES]
+        columns += [f"{limit} (limit)" for limit in AXIS_LIMIT_NAMES]
     table = [columns]
     for letter, axis in report.machine.axes.items():
         box = report.bounding_box.get(letter)
@@ -267,13 +267,13 @@ def _share(largest: float, limit: float | None) -> str:
 
 def _nearest(largest: Extremes, limits: Extremes, name: str) -> tuple[str, float, float] | None:
     """Return axis, largest value and limit of the axis that used most of its limit."""
-    found = [
+    shares = [
         (value / limit, letter, value, limit)
         for letter, values in largest.axes.items()
         if (value := values.get(name)) is not None
         and (limit := limits.axes.get(letter, {}).get(name))
     ]
-    return max(found)[1:] if found else None
+    return max(shares)[1:] if shares else None
 
 
 # Summaries as JSON.

@@ -1,4 +1,4 @@
-"""Checks of jobs in a process of its own, so that they never delay the machine."""
+"""Checks, pictures and simulated cuts of jobs, in processes that never delay the machine."""
 
 from __future__ import annotations
 
@@ -25,7 +25,13 @@ from cnc.model import parameter_numbers as numbers
 from cnc.model.blocks import AXIS_LETTERS
 from cnc.model.diagnostics import CncError
 from cnc.server.library import Library
+from cnc.session.context import Callbacks
+from cnc.session.options import Outputs, RunOptions
+from cnc.session.program_reader import start_position
+from cnc.session.session import Session
 from cnc.stock.simulation import Material
+from cnc.stock.stl import reduced
+from cnc.view.sketch import Sketch
 
 NICENESS = 10
 """The priority of a check is lower than that of the machine by this."""
@@ -85,16 +91,11 @@ def _process() -> ProcessPoolExecutor:
 
 
 def prepare() -> None:
-    """Import what a check needs, so that the first one begins at once."""
-    import cnc.session.session
-    import cnc.view.sketch  # noqa: F401
+    """Do nothing: a process that is given this has imported what a check needs."""
 
 
 def check_job(order: CheckOrder) -> dict[str, Any]:
     """Check a job; write its summary and its toolpath into the library; return the summary."""
-    from cnc.session.options import Outputs, RunOptions
-    from cnc.session.session import Session
-
     library = Library(order.library)
     library.path(order.name)
     # Findings name the job, not the folder of this computer.
@@ -113,11 +114,6 @@ def check_job(order: CheckOrder) -> dict[str, Any]:
 
 def sketch_job(order: CheckOrder) -> bool:
     """Write a coarse picture of a job into the library; return whether its program can be read."""
-    from cnc.session.options import RunOptions
-    from cnc.session.program_reader import start_position
-    from cnc.session.session import Session
-    from cnc.view.sketch import Sketch
-
     library = Library(order.library)
     with chdir(library.folder), tempfile.TemporaryDirectory(prefix="cnc-sketch-") as folder:
         machine = order.machine_in(Path(folder))
@@ -208,10 +204,6 @@ def cut_job(order: CutOrder) -> dict[str, Any]:
     Returns:
         The part, see :func:`part_of`; ``ok`` is false if the program is refused.
     """
-    from cnc.session.context import Callbacks
-    from cnc.session.options import Outputs, RunOptions
-    from cnc.session.session import Session
-
     library, name = Library(order.check.library), order.check.name
     library.path(name)
     materials: list[Material] = []
@@ -227,10 +219,10 @@ def cut_job(order: CutOrder) -> dict[str, Any]:
             callbacks=Callbacks(on_cut=materials.append),
         ).run()
         summary = report.as_json()
-        found = [each for each in summary["errors"] if each["code"] in CODES]
-        part: dict[str, Any] = {"ok": report.ok, "findings": found or summary["errors"]}
+        findings = [error for error in summary["errors"] if error["code"] in CODES]
+        part: dict[str, Any] = {"ok": report.ok, "findings": findings or summary["errors"]}
         if report.ok and materials:
-            part = {"ok": True, "findings": found} | part_of(materials[0]) | summary["stock"]
+            part = {"ok": True, "findings": findings} | part_of(materials[0]) | summary["stock"]
             put(stl.read_bytes(), library.own(name, "stl"))
             put(json.dumps(part).encode(), library.own(name, "part.json"))
     return part
@@ -244,8 +236,6 @@ def part_of(material: Material) -> dict[str, Any]:
         ``nx``, ``ny``, and ``heights``: (nx, ny) 16-bit numbers from the lowest (0) to the highest
         place, deflated and in base 64.
     """
-    from cnc.stock.stl import reduced
-
     x, y, z = reduced(material, MOST_CORNERS)
     low, high = float(material.low[2]), float(material.high[2])
     scaled = np.round((z - low) / (high - low) * LEVELS).astype("<u2")

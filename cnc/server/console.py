@@ -1,4 +1,4 @@
-"""The state of the server: session, library, control, checks, and the records of runs."""
+"""The state of the server: session, control, clients, library, checks, and records of runs."""
 
 from __future__ import annotations
 
@@ -157,13 +157,13 @@ class Hub:
         """Take an event of the session, from any thread."""
         self.publish_object(as_object(event))
 
-    def publish_object(self, found: dict[str, Any]) -> None:
+    def publish_object(self, event: dict[str, Any]) -> None:
         """Take an event in its JSON form, from any thread."""
         loop = self._loop
         if loop is None or not self._clients:
             return
         with self._lock:
-            self._pending.append(found)
+            self._pending.append(event)
             scheduled, self._scheduled = self._scheduled, True
         if not scheduled:
             with contextlib.suppress(RuntimeError):  # The loop may be closed by now.
@@ -171,7 +171,7 @@ class Hub:
 
     def join(self, address: str) -> Client | None:
         """Return a new client; None if there are too many, or too many of its address."""
-        of_address = sum(each.address == address for each in self._clients.values())
+        of_address = sum(member.address == address for member in self._clients.values())
         if len(self._clients) >= MOST_CLIENTS or of_address >= MOST_OF_ADDRESS:
             return None
         self._numbers += 1
@@ -202,9 +202,9 @@ def _rounded(value: Any) -> Any:
     if isinstance(value, float):
         return round(value, DIGITS) if abs(value) < 1e15 else None
     if isinstance(value, dict):
-        return {name: _rounded(each) for name, each in value.items()}
+        return {name: _rounded(part) for name, part in value.items()}
     if isinstance(value, list | tuple):
-        return [_rounded(each) for each in value]
+        return [_rounded(part) for part in value]
     return value
 
 
@@ -274,13 +274,13 @@ class Console:
         """Return the lines of a job."""
         file = self.library.path(name)
         with self._lock:
-            known = self._texts.get(name)
-            if known is None or known.changed != file.stat().st_mtime_ns:
-                known = TextLines(file)
+            text = self._texts.get(name)
+            if text is None or text.changed != file.stat().st_mtime_ns:
+                text = TextLines(file)
                 while len(self._texts) >= MOST_TEXTS:
                     del self._texts[next(iter(self._texts))]
-                self._texts[name] = known
-        return known
+                self._texts[name] = text
+        return text
 
     def check(self, name: str, height_map: str | None = None) -> Future[dict[str, Any]]:
         """Begin a check, or return the one under way.
@@ -293,9 +293,9 @@ class Console:
         if height_map is not None:
             self.library.height_map_file(height_map)
         with self._lock:
-            known = self._checking.get((name, height_map))
-            if known is not None and not known.done():
-                return known
+            running = self._checking.get((name, height_map))
+            if running is not None and not running.done():
+                return running
             order = replace(self._order(name), height_map=height_map)
             if self.library.path(name).stat().st_size >= SKETCHED:
                 sketched = self._workers().sketches.submit(sketch_job, order)
@@ -387,9 +387,11 @@ class Console:
         summary: dict[str, Any] = {} if error else done.result()
         if error is not None:
             message = error.diagnostic.message if isinstance(error, CncError) else str(error)
-            found = Finding(code="check-failed", message=f"{name} was not checked: {message}")
-            self.hub.publish(Notice(finding=found))
-        severities = [each["severity"] for each in summary.get("errors", ())]
+            finding = Finding(code="check-failed", message=f"{name} was not checked: {message}")
+            self.hub.publish(Notice(finding=finding))
+        severities = [
+            finding_of_check["severity"] for finding_of_check in summary.get("errors", ())
+        ]
         self.hub.publish_object(
             {
                 "event": "job-checked",
@@ -406,8 +408,8 @@ class Console:
         is_cut = not done.cancelled() and error is None and done.result()["ok"]
         if error is not None:
             message = error.diagnostic.message if isinstance(error, CncError) else str(error)
-            found = Finding(code="cut-failed", message=f"{name} was not cut: {message}")
-            self.hub.publish(Notice(finding=found))
+            finding = Finding(code="cut-failed", message=f"{name} was not cut: {message}")
+            self.hub.publish(Notice(finding=finding))
         findings = [] if done.cancelled() or error else done.result()["findings"]
         event = {"event": "job-cut", "time": time.time(), "name": name, "ok": is_cut}
         self.hub.publish_object(event | {"findings": findings})
@@ -428,8 +430,8 @@ class Console:
         """Write the end of a run to the history."""
         run.recorded = True
         self._run = self._asked = None
-        for each in ended.findings:
-            run.note(f"{each.severity}: {each.code}: {each.message}")
+        for finding in ended.findings:
+            run.note(f"{finding.severity}: {finding.code}: {finding.message}")
         run.note(f"end: {ended.outcome}")
         record = Run(
             job=run.job,
@@ -439,7 +441,7 @@ class Console:
             outcome=ended.outcome,
             line=ended.stopped_at_line,
             resume_line=ended.resume_line,
-            findings=[each for each in ended.findings if each.severity == "error"],
+            findings=[finding for finding in ended.findings if finding.severity == "error"],
         )
         self.library.add_run(record, "\n".join(run.log) + "\n")
         self.jobs_changed()
@@ -487,8 +489,8 @@ class Console:
             if isinstance(event, ConsoleLine):
                 run.note(f"{'->' if event.direction == 'sent' else '<-'} {event.text}")
             elif event.event in ("dialog", "dialog-closed", "alarm", "notice"):
-                found = getattr(event, "finding", None)
-                run.note(event.event if found is None else f"{event.event}: {found.message}")
+                finding = getattr(event, "finding", None)
+                run.note(event.event if finding is None else f"{event.event}: {finding.message}")
         if run is not None and isinstance(event, JobEnded) and event.program == run.job:
             # Before any client learns of the end: it may ask for the history at once.
             self._record(run, event)

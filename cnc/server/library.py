@@ -92,11 +92,11 @@ class Library:
 
     def names(self) -> list[str]:
         """Return the names of the jobs, sorted."""
-        found = []
+        names = []
         for entry in os.scandir(self.folder):
             if NAME.fullmatch(entry.name) and entry.is_file(follow_symlinks=False):
-                found.append(entry.name)
-        return sorted(found)
+                names.append(entry.name)
+        return sorted(names)
 
     def path(self, name: str) -> Path:
         """Return the file of a job.
@@ -203,7 +203,7 @@ class Library:
             target.write(run.model_dump_json().encode() + b"\n")
         if file.stat().st_size > MOST_HISTORY * 4000:
             kept = self.history(MOST_HISTORY // 2)
-            lines = "".join(json.dumps(each) + "\n" for each in reversed(kept))
+            lines = "".join(json.dumps(entry) + "\n" for entry in reversed(kept))
             self._replace(file, lines.encode())
         self._replace(self.own(run.job, "log"), log.encode("utf-8", "replace"))
 
@@ -217,18 +217,18 @@ class Library:
                 lines = deque(file, maxlen=2 * MOST_HISTORY)
         except OSError:
             return []
-        found: dict[tuple[str, float], Run] = {}
+        newest: dict[tuple[str, float], Run] = {}
         for line in lines:
             with contextlib.suppress(ValueError):
                 run = Run.model_validate_json(line)
                 if job is None or run.job == job:
-                    found[run.job, run.began] = run
+                    newest[run.job, run.began] = run
         running = self.running
         return [
             run.model_copy(update={"outcome": "cut-off"}).model_dump()
             if run.outcome == "running" and run != running
             else run.model_dump()
-            for run in list(reversed(found.values()))[:most]
+            for run in list(reversed(newest.values()))[:most]
         ]
 
     def log(self, name: str) -> str:

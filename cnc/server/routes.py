@@ -1,4 +1,4 @@
-"""The requests about the machine: control, motion, offsets, lines, settings."""
+"""The requests: the machine, the jobs with their uploads, and the height maps."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from fastapi.responses import FileResponse
 from cnc.boards.registry import board_names
 from cnc.model import parameter_numbers as numbers
 from cnc.model.diagnostics import Diagnostic, UsageError
-from cnc.model.units import per_minute
+from cnc.model.units import per_minute, per_second
 from cnc.operate.events import as_object
 from cnc.operate.height_mapping import Grid
 from cnc.operate.operator_session import OperatorSession, begin_jog
@@ -61,7 +61,6 @@ P = ParamSpec("P")
 T = TypeVar("T")
 QUICK = 0.05
 """Time in which a command that is refused at once is refused, s."""
-MM_PER_MIN = 60.0
 
 
 async def console_of(request: Request) -> Console:
@@ -189,7 +188,7 @@ async def unlock(console: Controlled) -> Accepted:
 @router.post("/jog/step")
 async def jog_step(body: JogStep, console: Controlled) -> Accepted:
     """Move by a distance."""
-    feed = None if body.feed is None else body.feed / MM_PER_MIN
+    feed = None if body.feed is None else per_second(body.feed)
     return await accepted(
         await ask(console, OperatorSession.jog_step, body.distances, feed, unhomed=body.unhomed)
     )
@@ -198,9 +197,9 @@ async def jog_step(body: JogStep, console: Controlled) -> Accepted:
 @router.post("/jog/start")
 async def jog_start(body: JogStart, console: Controlled) -> JogStarted:
     """Move until the release, or until the signs of life end."""
-    feed = None if body.feed is None else body.feed / MM_PER_MIN
+    feed = None if body.feed is None else per_second(body.feed)
     jog = await ask(console, begin_jog, body.directions, feed, unhomed=body.unhomed)
-    return JogStarted(jog=jog.id, feed=jog.feed * MM_PER_MIN)
+    return JogStarted(jog=jog.id, feed=per_minute(jog.feed))
 
 
 @router.post("/jog/keep")
@@ -371,9 +370,9 @@ class UploadDecoder:
             return
         while self._rest and not self.done:
             piece, self._rest = self._rest[:PIECE], self._rest[PIECE:]
-            found = _PLAIN.match(piece)
-            assert found is not None
-            end = found.end()
+            plain = _PLAIN.match(piece)
+            assert plain is not None
+            end = plain.end()
             stays = piece[end:] + self._rest
             if end:
                 yield json.loads(f'"{piece[:end]}"')
@@ -537,10 +536,10 @@ def check(name: str, console: Shared, body: CheckJob | None = None) -> Accepted:
 @router.get("/jobs/{name}/check")
 def summary(name: str, console: Shared) -> dict[str, Any]:
     """Return the summary of the last check."""
-    found = console.library.summary(name)
-    if found is None:
+    kept = console.library.summary(name)
+    if kept is None:
         raise _not_found(f"{name} has not been checked since its last change")
-    return found
+    return kept
 
 
 @router.get("/jobs/{name}/toolpath")

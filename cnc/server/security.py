@@ -220,17 +220,17 @@ class Guard:
     def _has_token(self, scope: Scope, headers: dict[str, str]) -> bool:
         wanted = (self._access.token or "").encode()
         scheme, _, given = headers.get("authorization", "").partition(" ")
-        found = [given.strip()] if scheme.lower() == "bearer" else []
+        tokens = [given.strip()] if scheme.lower() == "bearer" else []
         try:
             cookie = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
         except CookieError:
             cookie = None
         if cookie is not None:
-            found.append(cookie.value)
+            tokens.append(cookie.value)
         if scope["path"] == "/" or scope["type"] == "websocket":
             query = parse_qs(scope.get("query_string", b"").decode("latin-1"))
-            found += query.get("token", [])
-        return any(hmac.compare_digest(each.encode(), wanted) for each in found)
+            tokens += query.get("token", [])
+        return any(hmac.compare_digest(token.encode(), wanted) for token in tokens)
 
 
 def too_large(most: int) -> Refusal:
@@ -262,12 +262,12 @@ def _has_long_body(headers: dict[str, str]) -> bool:
 
 def _headers(scope: Scope) -> dict[str, str]:
     """Return the headers; one that is given twice has both values, so that no rule accepts it."""
-    found: dict[str, str] = {}
+    headers: dict[str, str] = {}
     for name, value in scope["headers"]:
         key, text = name.decode("latin-1").lower(), value.decode("latin-1")
         separator = "; " if key == "cookie" else ", "
-        found[key] = f"{found[key]}{separator}{text}" if key in found else text
-    return found
+        headers[key] = f"{headers[key]}{separator}{text}" if key in headers else text
+    return headers
 
 
 async def _linger(receive: Receive) -> None:

@@ -1,9 +1,10 @@
-"""The server process: its address, its token, and its life."""
+"""The server process: its address and token, its limits, its application, and its life."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import io
 import ipaddress
 import json
 import os
@@ -31,14 +32,13 @@ from starlette.exceptions import HTTPException
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from cnc.machine.models import Machine
+from cnc.model import state_file
 from cnc.model.diagnostics import BoardError, CncError, Diagnostic, UsageError
 from cnc.operate.events import Finding, as_object
 from cnc.operate.operator_session import OperatorSession
 from cnc.operate.probing import shipped_cycles
-from cnc.operate.remote_session import RemoteSession
+from cnc.operate.remote_session import SWITCH_S, RemoteSession
 from cnc.server import routes
-from cnc.server import routes as height_map_routes
-from cnc.server import routes as job_routes
 from cnc.server.console import Client, Console, encoded
 from cnc.server.library import OWN, Library
 from cnc.server.security import Access, Guard, Rates, link
@@ -77,7 +77,9 @@ class LimitedProtocol(H11Protocol):
 
     def connection_made(self, transport: Any) -> None:
         """Take the connection, if there is a place for it or one can be made."""
-        living = [each for each in self.connections if not each.transport.is_closing()]
+        living = [
+            connection for connection in self.connections if not connection.transport.is_closing()
+        ]
         if len(living) >= MOST_CONNECTIONS:
             waiting = _longest_silent([e for e in living if isinstance(e, LimitedProtocol)])
             if waiting is None:
@@ -138,11 +140,11 @@ class LimitedProtocol(H11Protocol):
 
 def _longest_silent(connections: list[LimitedProtocol]) -> LimitedProtocol | None:
     """Return the connection to close for a new one; None if all have a request at work."""
-    waiting = [each for each in connections if each.waits_for_client]
+    waiting = [connection for connection in connections if connection.waits_for_client]
     if not waiting:
         return None
-    crowds = Counter(each.address for each in waiting)
-    return min(waiting, key=lambda each: (-crowds[each.address], each.heard))
+    crowds = Counter(connection.address for connection in waiting)
+    return min(waiting, key=lambda connection: (-crowds[connection.address], connection.heard))
 
 
 # The application: routes, the WebSocket of events, the files of the page, and errors as JSON.
@@ -198,8 +200,6 @@ def create_app(console: Console, access: Access, rates: Rates | None = None) -> 
     )
     app.state.console = console
     app.include_router(routes.router)
-    app.include_router(job_routes.router)
-    app.include_router(height_map_routes.router)
     app.add_api_websocket_route("/api/events", _events)
     app.add_api_route("/", _index, include_in_schema=False)
     app.add_api_route("/page/{name}", _page, include_in_schema=False)
@@ -227,11 +227,11 @@ def _http_error(_: Request, error: Exception) -> JSONResponse:
 def _invalid(_: Request, error: Exception) -> JSONResponse:
     """Return what is wrong with a body, without its values."""
     assert isinstance(error, RequestValidationError)
-    each = [
-        f"{'.'.join(map(str, found['loc'][1:]))}: {found['msg']}" for found in error.errors()[:5]
+    faults = [
+        f"{'.'.join(map(str, fault['loc'][1:]))}: {fault['msg']}" for fault in error.errors()[:5]
     ]
     hint = "/api/openapi.json describes the bodies"
-    return JSONResponse({"code": "wrong-body", "message": "; ".join(each), "hint": hint}, 400)
+    return JSONResponse({"code": "wrong-body", "message": "; ".join(faults), "hint": hint}, 400)
 
 
 async def _events(websocket: WebSocket) -> None:
@@ -319,10 +319,10 @@ def _view(name: str) -> FileResponse:
 def _asset(package: str, name: str) -> FileResponse:
     """Return a file of a page; 404 for any name that the folder does not list."""
     folder = Path(str(resources.files(package))) / "page"
-    found = next((each for each in folder.glob("*") if each.name == name), None)
-    if found is None or found.suffix not in TYPES or not found.is_file():
+    file = next((candidate for candidate in folder.glob("*") if candidate.name == name), None)
+    if file is None or file.suffix not in TYPES or not file.is_file():
         raise HTTPException(404)
-    return FileResponse(found, media_type=TYPES[found.suffix])
+    return FileResponse(file, media_type=TYPES[file.suffix])
 
 
 TOKEN_BYTES = 18
@@ -331,8 +331,6 @@ PING = 5.0
 """Time between two pings of a WebSocket, and for its answer, s."""
 HOLD_TIME = 1.0
 """Longest time until the machine has taken a hold, s."""
-SWITCH_S = 0.0005
-"""Time after which a thread gives way to another, s: the machine does not wait for requests."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -384,7 +382,7 @@ def open_address(host: str, port: int, token: str | None) -> Address:
 def serve(
     machine: Machine,
     address: Address,
-    library: Path,
+    library: Path | None,
     *,
     announce: Callable[[Address], None],
 ) -> None:
@@ -393,11 +391,12 @@ def serve(
     Args:
         machine: The machine.
         address: The open socket.
-        library: Folder of the library, which also has the macros and the offsets.
+        library: Folder of the library, which also has the macros and the offsets; None for
+            that of this user.
         announce: Called when the server is ready.
     """
     sys.setswitchinterval(SWITCH_S)
-    jobs = Library(library)
+    jobs = Library(library or state_file.folder().parent / "jobs")
     program = machine.program
     if program.parameters is None:
         program = program.model_copy(update={"parameters": jobs.folder / OWN / "parameters.var"})
@@ -456,8 +455,6 @@ def qr_code(text: str) -> str:
         import segno
     except ImportError:
         return ""
-    import io
-
     target = io.StringIO()
     segno.make(text, micro=False).terminal(out=target, compact=True)
     return target.getvalue()
@@ -467,12 +464,12 @@ def _names(bound: str, host: str) -> list[str]:
     """Return the names of the server, the one for links first."""
     place = ipaddress.ip_address(bound)
     if place.is_unspecified:
-        found = [*_own_addresses(place.version), "localhost", _local(place.version)]
+        names = [*_own_addresses(place.version), "localhost", _local(place.version)]
     elif place.is_loopback:
-        found = [bound, "localhost", host.lower()]
+        names = [bound, "localhost", host.lower()]
     else:
-        found = [bound, host.lower()]
-    return list(dict.fromkeys(found))
+        names = [bound, host.lower()]
+    return list(dict.fromkeys(names))
 
 
 def _local(version: int) -> str:
@@ -484,19 +481,19 @@ def _own_addresses(version: int) -> list[str]:
     family, outside = (
         (socket.AF_INET, "192.0.2.1") if version == 4 else (socket.AF_INET6, "2001:db8::1")
     )
-    found: list[str] = []
+    addresses: list[str] = []
     with socket.socket(family, socket.SOCK_DGRAM) as probe:
         try:
             probe.connect((outside, 9))
-            found.append(str(probe.getsockname()[0]))
+            addresses.append(str(probe.getsockname()[0]))
         except OSError:
             pass
     try:
-        each = socket.getaddrinfo(socket.gethostname(), None, family)
-        found += [str(item[4][0]) for item in each]
+        entries = socket.getaddrinfo(socket.gethostname(), None, family)
+        addresses += [str(item[4][0]) for item in entries]
     except OSError:
         pass
-    return found
+    return addresses
 
 
 def _with_port(name: str, port: int) -> str:

@@ -1,4 +1,7 @@
-"""The check pass: the whole program is read, and its path compared with the travel of the axes."""
+"""The check pass: the whole program is read, and its path compared with the travel of the axes.
+
+The simulation of the cut reads the program once more.
+"""
 
 from __future__ import annotations
 

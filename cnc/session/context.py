@@ -1,4 +1,4 @@
-"""Data that the passes of a session share."""
+"""Data that the passes of a session share: outputs, callbacks and their observer, stopwatches."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ from cnc.session.checkpoint import CheckpointWriter
 from cnc.session.options import Outputs, RunOptions
 from cnc.session.program_reader import ProgramReader
 from cnc.session.run_pulses import Progress
+from cnc.view.writer import check_picture
 
 if TYPE_CHECKING:
     from cnc.stock.simulation import Material
@@ -40,8 +41,6 @@ def check_outputs(outputs: Outputs) -> None:
     if outputs.stl is not None:
         suffix_of("stl", outputs.stl, STL_SUFFIXES)
     if outputs.picture is not None:
-        from cnc.view.writer import check_picture
-
         check_picture(outputs.picture)
 
 
@@ -197,7 +196,7 @@ class Observer:
         place = (finding.code, finding.file, finding.line, finding.column)
         if place in self._reported or not self._selection.wants(finding):
             return
-        if sum(each.code == finding.code for each in report.warnings) >= MOST_WARNINGS:
+        if sum(warning.code == finding.code for warning in report.warnings) >= MOST_WARNINGS:
             report.hidden_warnings += 1
             return
         self._reported.add(place)

@@ -136,7 +136,7 @@ def homing_sequence(
         UsageError: ``unknown-axis``, ``no-switch``, ``homing-travel``.
     """
     letters = tuple(machine.axes)
-    known = letters[:switches]
+    with_switch = letters[:switches]
     named = {axis.lower() for axis in axes}
     for axis in sorted(named):
         if axis not in letters:
@@ -149,13 +149,13 @@ def homing_sequence(
             )
     order = machine.homing.order if machine.homing is not None else None
     if order is None:
-        order = tuple(sorted(known, key=lambda letter: letter != "z"))
+        order = tuple(sorted(with_switch, key=lambda letter: letter != "z"))
     wanted = [letter for letter in order if not named or letter in named]
     wanted += [letter for letter in letters if letter in named and letter not in wanted]
     for letter in wanted:
-        if letter not in known:
+        if letter not in with_switch:
             hint = (
-                f"the board has switches for {', '.join(known)}; "
+                f"the board has switches for {', '.join(with_switch)}; "
                 f"remove {letter} from the command or from homing.order"
             )
             raise UsageError(
@@ -185,8 +185,8 @@ def homed_steps(
     assumed = np.round(joints.at(start) * scale).astype(np.int64)
     steps = np.array(
         [
-            other if known is None else known
-            for known, other in zip(standing, assumed.tolist(), strict=True)
+            expected if counted is None else counted
+            for counted, expected in zip(standing, assumed.tolist(), strict=True)
         ],
         np.int64,
     )
@@ -235,11 +235,11 @@ class Squared:
     def description(self) -> str:
         """Description for the operator."""
         letter = self.letter.upper()
-        found = " and ".join(
+        corrections = " and ".join(
             f"motor {number} was {abs(skew):.3f} mm {'behind' if skew < 0 else 'ahead of'} motor 1"
             for number, skew in enumerate(self.skew[1:], start=2)
         )
-        return f"{letter}: {found} (limit {self.limit:g} mm); they are square now"
+        return f"{letter}: {corrections} (limit {self.limit:g} mm); they are square now"
 
 
 class Mover(Protocol):
@@ -299,22 +299,22 @@ def square(mover: Mover, cycle: AxisHoming, began: float) -> Squared | None:
             continue
         mover.steps = common.copy()
         longest = limit + cycle.towards * (offsets[motor] - offsets[first])
-        found = longest > 0.0 and mover.go(
+        reached = longest > 0.0 and mover.go(
             cycle, longest, cycle.settings.latch, True, motor, alone=True
         )
         ends[motor] = mover.coordinate(cycle)
-        if not found:
+        if not reached:
             back = cycle.towards * (ends[motor] - here)
             if back > 0.0:
                 mover.go(cycle, -back, cycle.settings.latch, None, motor, alone=True)
-            raise _differ(mover, cycle, began, (first, here), (motor, ends[motor]), found=False)
+            raise _differ(mover, cycle, began, (first, here), (motor, ends[motor]), closed=False)
     mover.steps = common
     skew = tuple(
         -cycle.towards * (end - ends[0] - offset) for end, offset in zip(ends, offsets, strict=True)
     )
     worst = max(range(len(skew)), key=lambda motor: abs(skew[motor]))
     if abs(skew[worst]) > limit:
-        raise _differ(mover, cycle, began, (0, ends[0]), (worst, ends[worst]), found=True)
+        raise _differ(mover, cycle, began, (0, ends[0]), (worst, ends[worst]), closed=True)
     return Squared(cycle.letter, skew, limit)
 
 
@@ -342,12 +342,12 @@ def _differ(
     one: tuple[int, float],
     other: tuple[int, float],
     *,
-    found: bool,
+    closed: bool,
 ) -> BoardError:
     """Return the error for two motors, each with its number and the coordinate it reached."""
     letter = cycle.letter.upper()
     (a, first), (b, second) = one, other
-    tail = "closed its" if found else "had not closed its"
+    tail = "closed its" if closed else "had not closed its"
     message = (
         f"the gantry of {letter} is not square: motor {a + 1} closed its switch after "
         f"{abs(first - began):.3f} mm, motor {b + 1} {tail} after {abs(second - began):.3f} mm; "
@@ -632,8 +632,8 @@ def home(
         homing.known[switches:] = [True] * (len(homing.known) - switches)
         homing.run(None)
     return tuple(
-        steps if known else None
-        for steps, known in zip(homing.steps.tolist(), homing.known_joints(), strict=True)
+        steps if certain else None
+        for steps, certain in zip(homing.steps.tolist(), homing.known_joints(), strict=True)
     )
 
 
@@ -669,21 +669,6 @@ def home_by_board(board: LineSink, axes: Sequence[str], control: Control) -> Non
 log = logging.getLogger(__name__)
 
 
-def home_line_board(context: SessionContext, board: LineSink) -> None:
-    """Let a GRBL board home the machine; the program begins where it stands then.
-
-    Raises:
-        BoardError, HomingStopped: As :func:`cnc.session.position_check.home_by_board`.
-    """
-    from cnc.session.position_check import home_by_board
-
-    reader = context.reader
-    log.info("homing")
-    home_by_board(board, reader.machine, (), context.observer.control)
-    reader.start = np.array(board.position)
-    reader.begin_at(context.options.from_line)
-
-
 def home_pulse_board(context: SessionContext, board: PulseSink) -> None:
     """Home the machine on a board that plays pulses.
 
@@ -698,5 +683,5 @@ def home_pulse_board(context: SessionContext, board: PulseSink) -> None:
         context.reader.start,
         control=context.observer.control,
         on_progress=context.observer.sent,
-        on_squared=lambda found: log.info("%s", found.description),
+        on_squared=lambda squared: log.info("%s", squared.description),
     )

@@ -25,6 +25,7 @@ from cnc.pulses.sampled import Sampled
 from cnc.report.trace import TraceWriter, trace_writer
 from cnc.session.context import SessionContext, Stopwatch
 from cnc.session.program_reader import ProgramReader
+from cnc.view.writer import picture_writer
 
 PlanItems = Iterable[PlanChunk | Block]
 PathItems = Iterable[PathChunk | Block]
@@ -153,7 +154,7 @@ class PlannedMotion:
         largest.normal_accel, largest.chord_error = audit.normal_accel, audit.chord_error
         largest.step_deviation = audit.step_deviation
         joints, tip = self._machine.joint_tables, planner.limits.tip_columns
-        each = zip(
+        values = zip(
             joints,
             audit.axis_velocity[tip:].tolist(),
             audit.axis_acceleration[tip:].tolist(),
@@ -161,7 +162,7 @@ class PlannedMotion:
             strict=True,
         )
         largest.axes = {
-            axis: {"velocity": v, "acceleration": a, "jerk": j} for axis, v, a, j in each
+            axis: {"velocity": v, "acceleration": a, "jerk": j} for axis, v, a, j in values
         }
         report.violations.update(audit.violations)
 
@@ -170,8 +171,6 @@ class PlannedMotion:
         context = self._context
         report, reader, picture = context.report, context.reader, None
         if context.options.outputs.picture is not None:
-            from cnc.view.writer import picture_writer
-
             picture = context.files.opened(
                 picture_writer(context.options.outputs.picture, report, reader.path, reader.start)
             )

@@ -9,6 +9,7 @@ position.
 from __future__ import annotations
 
 import contextlib
+import logging
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, field, replace
 from pathlib import Path
@@ -43,6 +44,8 @@ from cnc.session import homing
 from cnc.session.checkpoint import Checkpoint, replace_json
 from cnc.session.context import SessionContext
 from cnc.session.homing import homed_steps, homing_sequence
+
+log = logging.getLogger(__name__)
 
 # Machine position at the end of the last run on a board, kept on disk between the runs.
 #
@@ -79,12 +82,12 @@ class LastPosition:
         """
         unreadable = cls(board, {}, lost=True)
         try:
-            known = _RECORD.validate_json(_position_file(board).read_bytes())
+            record = _RECORD.validate_json(_position_file(board).read_bytes())
         except (FileNotFoundError, NotADirectoryError):
             return None
         except (OSError, ValueError):
             return unreadable
-        return known if known.position and known.board == board else unreadable
+        return record if record.position and record.board == board else unreadable
 
     @property
     def file(self) -> Path | None:
@@ -259,8 +262,8 @@ def differs(board: LineSink, axes: Sequence[str], expected: Mapping[str, float])
 
 def shift_of(board: LineSink, axes: Sequence[str]) -> dict[str, float]:
     """Return the G92 of a board by axis, mm; empty without one."""
-    each = zip(axes, board.stored_offsets.get("G92", ()), strict=False)
-    return {letter: value for letter, value in each if value}
+    offsets = zip(axes, board.stored_offsets.get("G92", ()), strict=False)
+    return {letter: value for letter, value in offsets if value}
 
 
 def recall_shift(board: LineSink, machine: Machine) -> LastPosition | None:
@@ -348,6 +351,19 @@ def home_by_board(
     return dict(zip(machine.axes, board.position, strict=False))
 
 
+def home_line_board(context: SessionContext, board: LineSink) -> None:
+    """Let a GRBL board home the machine; the program begins where it stands then.
+
+    Raises:
+        BoardError, HomingStopped: As :func:`home_by_board`.
+    """
+    reader = context.reader
+    log.info("homing")
+    home_by_board(board, reader.machine, (), context.observer.control)
+    reader.start = np.array(board.position)
+    reader.begin_at(context.options.from_line)
+
+
 def homing_line(blocks: Iterable[Block]) -> int:
     """Return the line that homes all axes before the first move of a program, 0 for none."""
     for block in blocks:
@@ -375,8 +391,8 @@ def locate(context: SessionContext, board: PulseSink) -> None:
             ``singular-pose`` where the machine stands.
     """
     reader, machine = context.reader, context.reader.machine
-    known, joints = board.known_steps, Joints(machine)
-    if known is None:
+    counted, joints = board.known_steps, Joints(machine)
+    if counted is None:
         return
     homed_machine = machine if joints.linear else joints.machine
     sequence = (
@@ -384,7 +400,7 @@ def locate(context: SessionContext, board: PulseSink) -> None:
         if context.options.home and board.capabilities.limit_switches
         else ()
     )
-    steps = homed_steps(machine, sequence, known, reader.start)
+    steps = homed_steps(machine, sequence, counted, reader.start)
     place = steps / joints.machine.steps_per_mm
     reader.start = joints.tip(place)
     if not joints.determined(place):
@@ -396,7 +412,7 @@ def locate(context: SessionContext, board: PulseSink) -> None:
     homed = {axis.letter for axis in sequence}
     lost = [
         name
-        for name, place in zip(joints.machine.axes, known, strict=True)
+        for name, place in zip(joints.machine.axes, counted, strict=True)
         if place is None and name not in homed
     ]
     if not lost or sequence:
@@ -441,10 +457,10 @@ class _Content(RootModel[dict[str, dict[AxisLetter, FiniteFloat]]]):
 def read_offsets(board: str) -> tuple[Offsets | None, list[Diagnostic]]:
     """Return the offsets of a board by its identity, None if none can be read, and warnings."""
     hint = "cncrun boards reads the offsets of the board, and keeps them for later checks"
-    found, warnings = read_state(_offsets_file(board), _Content, hint)
-    if found is None:
+    content, warnings = read_state(_offsets_file(board), _Content, hint)
+    if content is None:
         return None, warnings
-    kept = {name: place for name, place in found.root.items() if name in KEPT}
+    kept = {name: place for name, place in content.root.items() if name in KEPT}
     return {
         name: {str(axis): value for axis, value in place.items()} for name, place in kept.items()
     }, []
@@ -465,7 +481,7 @@ def _offsets_file(board: str) -> Path:
 
 # Offsets of a board that plans for itself: the program is read with them, and writes them back.
 
-SYSTEMS = ("G54", "G55", "G56", "G57", "G58", "G59")
+SYSTEMS = numbers.SYSTEMS[:6]
 FIRST_PARAMETERS = {
     "G28": numbers.G28_POSITION,
     "G30": numbers.G30_POSITION,

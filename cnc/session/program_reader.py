@@ -137,31 +137,31 @@ def with_source_lines(faults: Sequence[CncError], paths: Mapping[str, Path]) -> 
     texts: dict[str, Text] = {}
     completed: list[CncError] = []
     for fault in faults:
-        found = fault.diagnostic
-        path = paths.get(found.file, Path(found.file))
-        if found.line and not found.text and path.is_file():
-            text = texts.setdefault(found.file, Text.of_file(path))
-            window = text.window(found.line)
+        finding = fault.diagnostic
+        path = paths.get(finding.file, Path(finding.file))
+        if finding.line and not finding.text and path.is_file():
+            text = texts.setdefault(finding.file, Text.of_file(path))
+            window = text.window(finding.line)
             if window:
-                fault = _with_source_line(fault, window.text(found.line - window.first))
+                fault = _with_source_line(fault, window.text(finding.line - window.first))
         completed.append(fault)
     return completed
 
 
 def _with_source_line(fault: CncError, text: str) -> CncError:
-    found = fault.diagnostic
+    finding = fault.diagnostic
     code = re.sub(r"\([^()]*\)|;.*", lambda comment: " " * len(comment[0]), text)
-    if found.text or not code.strip():
+    if finding.text or not code.strip():
         return fault
-    axis = re.match(r"[A-Z](?= would reach )", found.message)
-    letter = axis[0] if axis else "F" if found.code == "feed-unreachable" else ""
+    axis = re.match(r"[A-Z](?= would reach )", finding.message)
+    letter = axis[0] if axis else "F" if finding.code == "feed-unreachable" else ""
     word = (letter and re.search(rf"{letter}\s*[-+]?[\d.]+", code, re.IGNORECASE)) or re.search(
         r"\S(?:.*\S)?", code
     )
-    column, length = found.column, found.length
+    column, length = finding.column, finding.length
     if word and not column:
         column, length = word.start() + 1, len(word[0])
-    return type(fault)(replace(found, text=text, column=column, length=length))
+    return type(fault)(replace(finding, text=text, column=column, length=length))
 
 
 # State that a machine keeps between programs: the parameters and the tool table.
@@ -563,22 +563,22 @@ class ProgramWarp:
         Args:
             parameters: Those before the program, by number; one that is missing is 0.
         """
-        known = self._map
-        if known.system not in numbers.SYSTEMS:
+        surface = self._map
+        if surface.system not in numbers.SYSTEMS:
             return []
-        origin = numbers.origin(numbers.SYSTEMS.index(known.system))
+        origin = numbers.origin(numbers.SYSTEMS.index(surface.system))
         is_shifted = parameters.get(numbers.SHIFT_IN_EFFECT) == 1.0
         moved = []
         for column, letter in enumerate(AXIS_LETTERS[:3]):
             zero = parameters.get(origin + column, 0.0)
             if is_shifted:
                 zero += parameters.get(numbers.SHIFT + column, 0.0)
-            distance = zero - known.work_zero.get(letter, zero)
+            distance = zero - surface.work_zero.get(letter, zero)
             if abs(distance) > MOVED:
                 moved.append(f"{letter.upper()} by {distance:.3f} mm")
         if not moved:
             return []
-        message = f"the zero of {known.system} was moved after the probing: {', '.join(moved)}"
+        message = f"the zero of {surface.system} was moved after the probing: {', '.join(moved)}"
         hint = (
             "the map stays at its place on the table, and its heights count from Z zero; "
             "probe again if the part was moved"
@@ -587,15 +587,15 @@ class ProgramWarp:
 
     def used(self) -> WarpedBy:
         """Return the use of the map by the latest reading."""
-        known: HeightMap = self._map
-        low, high = known.extremes
+        surface: HeightMap = self._map
+        low, high = surface.extremes
         return WarpedBy(
             file=self._file,
-            columns=len(known.x),
-            rows=len(known.y),
+            columns=len(surface.x),
+            rows=len(surface.y),
             lowest_mm=low,
             highest_mm=high,
-            interpolation=known.interpolation,
-            tolerance_mm=known.tolerance,
+            interpolation=surface.interpolation,
+            tolerance_mm=surface.tolerance,
             pieces=0 if self._warp is None else self._warp.pieces,
         )

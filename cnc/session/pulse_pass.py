@@ -234,8 +234,8 @@ class PulsePass:
     def _record_position(self, grid: NDArray[np.int64]) -> None:
         """Record the position of the board after a program that did not reach its end."""
         tip = self._joints.tip(grid / self._joints.machine.steps_per_mm)
-        each = zip(self._machine.axes, tip.tolist(), strict=True)
-        self._context.report.end_position = dict(each)
+        places = zip(self._machine.axes, tip.tolist(), strict=True)
+        self._context.report.end_position = dict(places)
 
 
 def _without_tip_control(

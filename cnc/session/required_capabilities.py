@@ -1,4 +1,4 @@
-"""Capabilities that a program requires of a board: one table for all boards."""
+"""Capabilities that a program requires of a board, pauses, and what the reader takes from it."""
 
 from __future__ import annotations
 
@@ -33,7 +33,13 @@ from cnc.model.diagnostics import Diagnostic, GcodeError, UsageError
 from cnc.report.result import AssumedOffset, Report
 from cnc.session.context import SessionContext
 from cnc.session.options import RunOptions
-from cnc.session.position_check import board_parameters, offset_parameters, offsets_in, read_offsets
+from cnc.session.position_check import (
+    board_parameters,
+    offset_parameters,
+    offsets_in,
+    read_offsets,
+    refuse_lost_shift,
+)
 from cnc.session.program_reader import ProgramReader
 
 # Pauses of a program for the operator (M0, M6, M60): reason and text.
@@ -154,13 +160,13 @@ class CapabilityCheck:
         cls, board: PulseSink | LineSink | None, name: str | None, machine: Machine, attended: bool
     ) -> CapabilityCheck:
         """Return the check for a board, or for none."""
-        known = machine.board.kind if name is None else name
+        kind = machine.board.kind if name is None else name
         can = expected_capabilities(machine) if board is None else board.capabilities
-        lines = takes_lines(known) if board is None else board.takes == "lines"
+        lines = takes_lines(kind) if board is None else board.takes == "lines"
         if can is None:
-            return cls(known, False, True, True, lines, ACTIONS, False, attended)
+            return cls(kind, False, True, True, lines, ACTIONS, False, attended)
         return cls(
-            known,
+            kind,
             board is not None,
             can.senses,
             can.probes,
@@ -292,8 +298,6 @@ def adopt_board(context: SessionContext, board: LineSink) -> None:
         hint = "leave --pulses out, or check the program without the board"
         raise UsageError(Diagnostic("no-pulses", message, hint=hint))
     context.report.check_only, context.report.planned_by_board = board.check_only, True
-    from cnc.session.position_check import refuse_lost_shift
-
     reader = context.reader
     reader.machine = board.limited_to_board(reader.machine)
     refuse_lost_shift(board, reader.machine)

@@ -64,7 +64,7 @@ def line_of_call(blocks: Iterable[Block], file: str, line: int) -> int:
     Returns:
         The line of the call, 0 for a line of the main program.
     """
-    call, low, high, found = 0, 0, 0, 0
+    call, low, high, calling = 0, 0, 0, 0
     for block in apart(blocks):
         if isinstance(block, CallBoundary):
             call, low, high = block.line if block.inside else 0, 0, 0
@@ -75,8 +75,8 @@ def line_of_call(blocks: Iterable[Block], file: str, line: int) -> int:
                     return 0
                 continue
             low, high = min(low or int(lines.min()), int(lines.min())), max(high, int(lines.max()))
-            found = found or (call if low <= line <= high else 0)
-    return found
+            calling = calling or (call if low <= line <= high else 0)
+    return calling
 
 
 def unanswered_line(blocks: Iterable[Block], file: str, line: int) -> int:
@@ -273,10 +273,10 @@ class RestartPoint:
 
     def _refuse_subprogram(self, blocks: Iterable[Block]) -> None:
         """Raise GcodeError if line N lies within the motion of a subprogram only."""
-        found = line_of_call(blocks, self.file, self.line)
-        if found:
-            message = f"line {self.line} belongs to a subprogram, which line {found} calls"
-            raise self._unknown(message, f"begin at line {found}, or at another of its calls")
+        calling = line_of_call(blocks, self.file, self.line)
+        if calling:
+            message = f"line {self.line} belongs to a subprogram, which line {calling} calls"
+            raise self._unknown(message, f"begin at line {calling}, or at another of its calls")
 
     def _before(self, blocks: Iterable[Block], start: Floats) -> SkippedState:
         """Return the state before line N."""
@@ -436,6 +436,6 @@ def _feed_of(block: Block) -> float:
     if isinstance(block, ArcFeed | NurbsFeed):
         return block.feed
     if isinstance(block, Polyline):
-        known = block.feeds[~np.isnan(block.feeds)]
-        return float(known[0]) if len(known) else math.nan
+        programmed = block.feeds[~np.isnan(block.feeds)]
+        return float(programmed[0]) if len(programmed) else math.nan
     return math.nan

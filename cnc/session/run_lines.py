@@ -1,4 +1,4 @@
-"""The run pass on a board that plans for itself: the path as lines, and the operator's requests.
+"""The run pass on a board that plans for itself: lines, their times, and the operator's requests.
 
 All lines are made before the first is sent, so that nothing moves if one of them cannot be made.
 They are kept in memory. They are made again while they are sent, if there are too many or if
@@ -7,7 +7,6 @@ answers decide how the program continues.
 
 from __future__ import annotations
 
-import contextlib
 import math
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -39,7 +38,7 @@ from cnc.session.context import SessionContext
 from cnc.session.pipeline import PlannedMotion
 from cnc.session.position_check import offset_lines
 from cnc.session.required_capabilities import pause_reason, pause_text
-from cnc.session.run_pulses import Progress
+from cnc.session.run_pulses import Progress, abort
 
 # Execution of a path on a line board, as lines that are sent as fast as the board accepts them.
 #
@@ -310,20 +309,14 @@ def stream(
             board.stop()
         return run.outcome(stopped=control.stopped)
     except BoardError as error:
-        _abort(board)
-        found = error.diagnostic
+        abort(board)
+        finding = error.diagnostic
         raise error.at(
-            file=found.file or run.file, line=found.line or board.confirmed_line
+            file=finding.file or run.file, line=finding.line or board.confirmed_line
         ) from error
     except BaseException:
-        _abort(board)
+        abort(board)
         raise
-
-
-def _abort(board: LineSink) -> None:
-    """Abort the board and ignore its faults, because the original fault matters more."""
-    with contextlib.suppress(BoardError):
-        board.abort()
 
 
 # The line of the program that the machine carries out: its text, programmed feed and tool.
@@ -391,9 +384,9 @@ class PresentLine:
         """
         for lines in reversed(self._steps):
             rows = lines.rows[:sent][-KEPT_LINES:]
-            for found in np.flatnonzero(rows["line"] == line)[::-1]:
-                if rows["kind"][found] in FEEDS:
-                    return float(rows["feed"][found])
+            for row in np.flatnonzero(rows["line"] == line)[::-1]:
+                if rows["kind"][row] in FEEDS:
+                    return float(rows["feed"][row])
             # All lines of the steps before were sent.
             sent = None
         return None
@@ -598,14 +591,14 @@ class LinePass:
 
     def _largest(self) -> Extremes:
         """Return the largest values of the motion as the board plans it."""
-        found = self.timing.largest
+        largest = self.timing.largest
         return Extremes(
-            feed=found.speed,
-            accel=found.acceleration,
+            feed=largest.speed,
+            accel=largest.acceleration,
             axes={
                 letter: {"velocity": velocity, "acceleration": acceleration, "jerk": None}
                 for letter, velocity, acceleration in zip(
-                    BOARD_LETTERS.lower(), found.velocities, found.accelerations, strict=False
+                    BOARD_LETTERS.lower(), largest.velocities, largest.accelerations, strict=False
                 )
                 if letter in self._context.reader.machine.axes
             },
@@ -619,9 +612,9 @@ class LinePass:
             BOARD_LETTERS.lower(), own.rates, own.accelerations, strict=False
         ):
             if letter in axes:
-                known = {"velocity": velocity, "acceleration": acceleration}
+                candidates = {"velocity": velocity, "acceleration": acceleration}
                 axes[letter] = axes[letter] | {
-                    name: value for name, value in known.items() if value < math.inf
+                    name: value for name, value in candidates.items() if value < math.inf
                 }
         return replace(limits, axes=axes)
 

@@ -18,7 +18,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.boards.protocols import MachineReport, PulseSink
+from cnc.boards.protocols import LineSink, MachineReport, PulseSink
 from cnc.model.blocks import Abort, Block, End, Held, Probe, Spindle, WaitInput
 from cnc.model.diagnostics import BoardError, CncError, Diagnostic
 from cnc.model.motion_commands import places_of
@@ -296,8 +296,8 @@ class _Run:
             return
         block, reply = self._probing
         self._probing = None
-        found = self.board.probe_result()
-        reply = reply if found is None else found
+        contact = self.board.probe_result()
+        reply = reply if contact is None else contact
         block.answer.values = reply
         if reply is not None:
             self.interpolator.stand_at(self.board.position_steps)
@@ -409,10 +409,10 @@ def execute(
         board.start(interpolator.origin_steps)
         return _run_program(run, plan_stream, control, ramp_down)
     except BoardError as error:
-        _abort(board)
-        found = error.diagnostic
+        abort(board)
+        finding = error.diagnostic
         raise error.at(
-            file=found.file or run.file, line=found.line or board.confirmed_line
+            file=finding.file or run.file, line=finding.line or board.confirmed_line
         ) from error
     except CncError:
         # A fault of the program: a machine comes to rest on the path, a recording is discarded.
@@ -423,10 +423,10 @@ def execute(
                     run.motion(chunk)
                 board.stop()
         else:
-            _abort(board)
+            abort(board)
         raise
     except BaseException:
-        _abort(board)
+        abort(board)
         raise
 
 
@@ -477,7 +477,7 @@ def _arrived(chunk: PlanChunk) -> bool:
     )
 
 
-def _abort(board: PulseSink) -> None:
+def abort(board: PulseSink | LineSink) -> None:
     """Abort the board and ignore its faults, because the original fault matters more."""
     with contextlib.suppress(BoardError):
         board.abort()

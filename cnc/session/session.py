@@ -1,4 +1,4 @@
-"""A session: one program on one machine, checked and, with a board, run."""
+"""A session: one program on one machine, checked and, with a board, run; and its records."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING
 
 from cnc.boards.protocols import LineSink, PulseSink
 from cnc.checks.hints import empty_program, step_rate
 from cnc.checks.portable import ProgramText, dialects_of, portability
 from cnc.checks.selection import unknown_codes
+from cnc.grbl_lines.grbl_timing import BoardTime
+from cnc.grbl_lines.line_program import LineProgram
 from cnc.machine.models import Machine, Stock
 from cnc.model.blocks import Block
 from cnc.model.diagnostics import (
@@ -27,9 +28,10 @@ from cnc.model.diagnostics import (
 from cnc.model.operator_control import Control, StoppedAtOnce
 from cnc.path.build import DueTimes
 from cnc.planner.plan import PlanChunk
+from cnc.report.blocks import BlockWriter
 from cnc.report.result import Cut, Extremes, Report
 from cnc.report.targets import BytesTarget, TextTarget
-from cnc.session.check_pass import CheckPass
+from cnc.session.check_pass import CheckPass, simulate
 from cnc.session.checkpoint import Checkpoint, CheckpointWriter, file_hash
 from cnc.session.context import (
     Callbacks,
@@ -39,14 +41,22 @@ from cnc.session.context import (
     StoppedBeforeMotion,
     check_outputs,
 )
-from cnc.session.homing import home_line_board, home_pulse_board
+from cnc.session.homing import home_pulse_board
 from cnc.session.kernel_needs import KernelNeeds
 from cnc.session.options import RunOptions
 from cnc.session.pipeline import PathItems, PlannedMotion
-from cnc.session.position_check import named_offsets, offsets_in, write_offsets
+from cnc.session.position_check import (
+    PositionCheck,
+    home_line_board,
+    locate,
+    named_offsets,
+    offsets_in,
+    write_offsets,
+)
 from cnc.session.program_reader import (
     WITHOUT_FILE,
     ProgramReader,
+    ProgramWarp,
     SavedState,
     Source,
     display_name,
@@ -65,11 +75,8 @@ from cnc.session.required_capabilities import (
     reading_policy,
     refuse_lines,
 )
-
-if TYPE_CHECKING:
-    from cnc.grbl_lines.grbl_timing import BoardTime
-    from cnc.session.position_check import PositionCheck
-
+from cnc.session.run_lines import LinePass
+from cnc.stock.stl import write_stl
 
 # Records of a run on a machine: its checkpoint, and the position check of a GRBL board.
 
@@ -91,9 +98,9 @@ class RunRecord:
 
     def read_checkpoint(self) -> None:
         """Read the checkpoint of the last run of this program, and warn if it matters."""
-        context, known = self._context, self._capabilities
+        context, capabilities = self._context, self._capabilities
         reader, report, line = context.reader, context.report, context.options.from_line
-        if not known.real or report.program in WITHOUT_FILE:
+        if not capabilities.real or report.program in WITHOUT_FILE:
             return
         self._hash = file_hash(reader.path)
         last, warnings = Checkpoint.read(report.program)
@@ -102,7 +109,7 @@ class RunRecord:
         if last is None:
             return
         unchanged = last.sha256 == self._hash
-        same_machine = (last.machine, last.board) == (reader.machine.name, known.board)
+        same_machine = (last.machine, last.board) == (reader.machine.name, capabilities.board)
         if line is not None and unchanged and same_machine:
             self._last_run = last
         if unchanged and last.line and not last.ended:
@@ -119,8 +126,6 @@ class RunRecord:
             BoardError: ``position-lost`` if the machine is not where the last run ended.
         """
         reader, options = self._context.reader, self._context.options
-        from cnc.session.position_check import PositionCheck
-
         self._position_check = PositionCheck(
             board, reader.machine, self._last_run, trusted=options.trust_position
         )
@@ -129,7 +134,7 @@ class RunRecord:
 
     def begin(self, board: PulseSink | LineSink) -> None:
         """Begin the records of this run; the machine is about to move."""
-        context, known = self._context, self._capabilities
+        context, capabilities = self._context, self._capabilities
         if self._position_check is not None:
             self._position_check.begin()
         checks_only = board.takes == "lines" and board.check_only
@@ -142,7 +147,7 @@ class RunRecord:
                 program=context.report.program,
                 sha256=self._hash,
                 machine=machine.name,
-                board=known.board,
+                board=capabilities.board,
                 # The lines before were done by an earlier run.
                 line=context.options.from_line or 0,
             )
@@ -174,12 +179,12 @@ class RunRecord:
 
     def with_resume_hint(self, error: BoardError) -> BoardError:
         """Return the error with a hint of the line to continue at, if it is known."""
-        found, line = error.diagnostic, self._context.report.resume_line
+        finding, line = error.diagnostic, self._context.report.resume_line
         if line is None:
             return error
         hint = f"continue with --from-line {line}"
         return type(error)(
-            replace(found, hint=f"{found.hint}; then {hint}" if found.hint else hint)
+            replace(finding, hint=f"{finding.hint}; then {hint}" if finding.hint else hint)
         )
 
     def _line_to_continue_at(self, line: int) -> int:
@@ -307,8 +312,6 @@ class Session:
             block_delete=options.block_delete,
         )
         if options.height_map is not None:
-            from cnc.session.program_reader import ProgramWarp
-
             reader.warp = ProgramWarp(options.height_map, machine)
         self._context = SessionContext(
             reader, self.report, observer, options, OpenOutputs(), control is not None, on_plan
@@ -393,8 +396,6 @@ class Session:
         record.read_checkpoint()
         lines = board if board is not None and board.takes == "lines" else None
         if board is not None and board.takes == "pulses":
-            from cnc.session.position_check import locate
-
             locate(context, board)
         if board is not None:
             self._warn(board.unlike(report.machine))
@@ -446,8 +447,6 @@ class Session:
         context, report, reader = self._context, self.report, self._context.reader
         check, target = CheckPass(context, capabilities, self._kernels), None
         if context.options.outputs.blocks is not None:
-            from cnc.report.blocks import BlockWriter
-
             target = context.files.opened(
                 BlockWriter(
                     context.options.outputs.blocks, reader.machine.axis_names, report.program
@@ -474,8 +473,6 @@ class Session:
 
     def _cut_stock(self, stock: Stock) -> None:
         """Simulate the cut, report what it finds, and write the part if requested."""
-        from cnc.session.check_pass import simulate
-
         context = self._context
         self._kernels.before_simulation()
         simulation = simulate(context.reader, stock, context.options.stock_resolution)
@@ -485,8 +482,6 @@ class Session:
         if (on_cut := context.observer.callbacks.on_cut) is not None:
             on_cut(material)
         if context.options.outputs.stl is not None:
-            from cnc.stock.stl import write_stl
-
             write_stl(material, context.files.opened(BytesTarget(context.options.outputs.stl)))
 
     def _run_pass(
@@ -506,8 +501,6 @@ class Session:
 
         try:
             if board is not None and board.takes == "lines":
-                from cnc.session.run_lines import LinePass
-
                 lines = LinePass(
                     context, motion, board, self._warn, depends_on_answers=depends_on_answers
                 )
@@ -573,8 +566,6 @@ class Session:
         target = self._context.options.outputs.lines
         if target is None and (board is not None or not capabilities.lines):
             return None
-        from cnc.grbl_lines.line_program import LineProgram
-
         reader = self._context.reader
         file = None if target is None else self._context.files.opened(TextTarget(target))
         program = LineProgram(
@@ -591,5 +582,5 @@ class Session:
         """Report findings that lack their source line."""
         name = self.report.program
         faults = [GcodeError(finding).at(file=finding.file or name) for finding in findings]
-        for found in with_source_lines(faults, {self.report.program: self._context.reader.path}):
-            self._context.observer.warn(found.diagnostic)
+        for fault in with_source_lines(faults, {self.report.program: self._context.reader.path}):
+            self._context.observer.warn(fault.diagnostic)

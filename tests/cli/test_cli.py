@@ -11,9 +11,9 @@ import pytest
 
 from cnc import api
 from cnc.boards.loopback import Loopback
-from cnc.cli.checking import EXIT_PIPE
 from cnc.cli.commands import app
-from cnc.cli.options import NEW_OBJECTS, library
+from cnc.cli.messages import EXIT_PIPE
+from cnc.cli.options import NEW_OBJECTS, load_library
 from cnc.machine.load import load_machine, shipped_machines
 from tests.support.cli.messages import last_message
 from tests.support.paths import ROOT
@@ -318,7 +318,7 @@ def test_a_program_imports_no_reader_of_another_language(program):
 def test_the_collector_looks_at_new_objects_less_often_than_by_default():
     before = gc.get_threshold()
     try:
-        library()
+        load_library()
         assert gc.get_threshold()[0] == NEW_OBJECTS > 700
     finally:
         gc.set_threshold(*before)

@@ -73,7 +73,7 @@ def test_the_log_file_has_stages_and_each_line_of_the_link(
     text = log.read_text()
     assert in_order(
         text,
-        r"INFO +cnc\.cli\.log_output: cncrun \S+, Python 3",
+        r"INFO +cnc\.cli\.messages: cncrun \S+, Python 3",
         r"DEBUG +cnc\.boards\.grbl\.link: .* -> \$\$",
         r"DEBUG +cnc\.boards\.grbl\.link: .* <- \$110=\d",
         r"INFO +cnc\.session\.session: machine .*GRBL.*, board grbl-sim, dialect auto",

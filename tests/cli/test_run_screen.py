@@ -24,7 +24,7 @@ from cnc.model.operator_control import Control
 from cnc.session.context import Callbacks
 from cnc.session.run_pulses import Progress
 from cnc.session.session import Session
-from cnc.simulators.grbl.ports import GrblSimulatorBoard
+from cnc.simulators.grbl.board import GrblSimulatorBoard
 from tests.support.paths import ROOT
 
 pty = pytest.importorskip("pty")

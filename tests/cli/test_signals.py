@@ -243,6 +243,6 @@ def test_an_interruption_after_motion_does_not_claim_that_nothing_has_moved(
     def interrupted(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("cnc.cli.commands.show", interrupted)
+    monkeypatch.setattr("cnc.cli.checking.show", interrupted)
     assert exit_code([str(ROOT / "programs/trident.nc"), "--quiet"]) == 130
     assert capsys.readouterr().err.splitlines()[-1] == "stopped by the operator"

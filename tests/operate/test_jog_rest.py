@@ -21,7 +21,7 @@ from cnc.operate import operator_session
 from cnc.operate.jogging import REST_TIME
 from cnc.operate.operator_session import OperatorSession
 from cnc.operate.program_session import KEEP_ALIVE, Jog
-from cnc.simulators.grbl.ports import GrblSimulatorBoard
+from cnc.simulators.grbl.board import GrblSimulatorBoard
 from cnc.simulators.klipper.ports import KlipperSimulatorBoard
 from tests.support.boards.stepper_simulator import FREQUENCY, Simulator, SimulatorPort
 from tests.support.soak import share

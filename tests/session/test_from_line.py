@@ -19,8 +19,9 @@ from cnc.machine.load import load_machine
 from cnc.model.blocks import ArcFeed, Block, Coolant, Dwell, Polyline, Spindle, Tool
 from cnc.model.diagnostics import CncError
 from cnc.session.resume import RestartPoint
+from cnc.simulators.grbl.board import GrblSimulatorBoard
 from cnc.simulators.grbl.grbl_simulator import GrblSimulator
-from cnc.simulators.grbl.ports import GrblSimulatorBoard, GrblSimulatorPort
+from cnc.simulators.grbl.ports import GrblSimulatorPort
 from tests.support.boards.simulator_bench import Bench
 from tests.support.session.runs import run_with
 from tests.support.soak import share

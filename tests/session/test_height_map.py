@@ -11,7 +11,7 @@ from cnc.machine.height_map import HeightMap, save_height_map
 from cnc.machine.load import load_machine
 from cnc.session.options import Outputs, RunOptions
 from cnc.session.session import Session
-from cnc.simulators.grbl.ports import GrblSimulatorBoard
+from cnc.simulators.grbl.board import GrblSimulatorBoard
 
 DEPTH = -1.0
 PROGRAM = """\

@@ -207,8 +207,8 @@ class GrblBoard(LineSink):
     @property
     def homed_position(self) -> tuple[float, ...]:
         """Machine position of each axis of the machine after homing, mm, by the settings."""
-        each = zip(self._columns, self.position, strict=True)
-        return tuple(self.info.homed(column, here) for column, here in each)
+        columns = zip(self._columns, self.position, strict=True)
+        return tuple(self.info.homed(column, here) for column, here in columns)
 
     @property
     def holds(self) -> bool:
@@ -319,9 +319,9 @@ class GrblBoard(LineSink):
         places = self.info.places
         if any(places.get("G92", ())):
             return
-        each = [shift.get(letter, 0.0) for letter in AXIS_LETTERS[: len(self.stream.position)]]
-        places["G92"] = tuple(each)
-        self._shift_unset = any(each)
+        offsets = [shift.get(letter, 0.0) for letter in AXIS_LETTERS[: len(self.stream.position)]]
+        places["G92"] = tuple(offsets)
+        self._shift_unset = any(offsets)
         self.set_cleared_shift()
 
     def shift_cleared(self) -> None:

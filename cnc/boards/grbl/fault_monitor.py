@@ -1,10 +1,10 @@
-"""Faults of a GRBL board, found from its answers and reports. No I/O.
+"""Faults of a GRBL board from its answers and reports, and from its silence. No I/O.
 
 answer or report               | found by         | found within
 -------------------------------+------------------+--------------------------------------
 error, ALARM, welcome, extra ok| this module      | at once
 ok, one by one                 | marks (protocol) | half a second and a move
-none, or status reports only   | liveness         | 2 s
+none, or status reports only   | `Liveness`       | 2 s
 position                       | position_tracker | the motion ahead (1.5 s), two reports
 
 A report is judged at its place among the answers. All times are times of listening (see
@@ -113,10 +113,10 @@ class LivenessMonitor:
             self._before = self._interval, self._lasting
             self._gap, self._read = min(now - self.answered_at, LIVENESS_AHEAD), 0
         self._read += count
-        each, (short, long) = self._gap / self._read, self._before
-        self._interval = each + (short - each) * (1.0 - INTERVAL_WEIGHT) ** self._read
-        each = min(each, STALL * max(long, FASTEST))
-        self._lasting = each + (long - each) * (1.0 - LASTING_WEIGHT) ** self._read
+        interval, (short, long) = self._gap / self._read, self._before
+        self._interval = interval + (short - interval) * (1.0 - INTERVAL_WEIGHT) ** self._read
+        interval = min(interval, STALL * max(long, FASTEST))
+        self._lasting = interval + (long - interval) * (1.0 - LASTING_WEIGHT) ** self._read
         self.interval = min(self._interval, self._lasting)
         self.max_waiting = max(FEWEST_WAITING, int(LIVENESS_AHEAD / max(self._interval, 1e-6)))
         self.answered_at = self._quiet_since = self._moved_at = now

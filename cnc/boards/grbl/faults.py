@@ -1,4 +1,4 @@
-"""Faults of a GRBL board as BoardErrors, each with its source line and advice."""
+"""Faults of a GRBL board: its codes and their meanings, and BoardErrors with line and advice."""
 
 from __future__ import annotations
 

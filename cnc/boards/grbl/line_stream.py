@@ -1,4 +1,4 @@
-"""Sending of lines to a GRBL board, with its faults watched.
+"""Sending of lines to a GRBL board, with its faults watched and the operator's requests served.
 
 No wait is without a bound. At any fault the motion is stopped (hold, wait for rest, reset) before
 the fault is raised, and nothing is sent any more.
@@ -535,13 +535,15 @@ class LineStream:
     def at_confirmed(self, error: BoardError) -> BoardError:
         """Return a fault of the link with the last line that the board has confirmed."""
         line = self.link.protocol.confirmed_line
-        found = error.diagnostic
+        finding = error.diagnostic
         last = (
             f"; the last line that the board confirmed is {line}"
             if line
             else "; the board had confirmed no line yet"
         )
-        return type(error)(Diagnostic(found.code, found.message + last, line=line, hint=found.hint))
+        return type(error)(
+            Diagnostic(finding.code, finding.message + last, line=line, hint=finding.hint)
+        )
 
     def _port_lost(self, error: PortLost) -> BoardError:
         """Return the fault of a lost connection, which ends the run."""

@@ -1,6 +1,6 @@
-"""The link to a GRBL board at a port: connection, questions, status polling, and stop.
+"""The link to a GRBL board at a port: welcome, questions, status polling, stop, and its report.
 
-No wait is without a bound. Each connection begins with a welcome; see the module of that name.
+No wait is without a bound. Each connection begins with a welcome.
 """
 
 from __future__ import annotations

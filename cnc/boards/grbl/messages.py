@@ -1,4 +1,4 @@
-"""The messages of a GRBL board: bytes in, messages out.
+"""The messages of a GRBL board and the events of its protocol: bytes in, messages out.
 
 Source: "Grbl v1.1 Interface", response and push messages::
 
@@ -125,17 +125,17 @@ def message(line: str) -> Message:
     if first == "[" and line[-1] == "]":
         kind, _, text = line[1:-1].partition(":")
         return Feedback(kind, text)
-    if first == "$" and (found := _SETTING.fullmatch(line)):
-        return Setting(int(found[1]), found[2])
-    if found := _NUMBERED.fullmatch(line):
-        return Reply(int(found[2])) if found[1] == "error" else Alarm(int(found[2]))
-    if found := _ERROR_TEXT.fullmatch(line):
-        return Reply(UNNUMBERED, found[1])
+    if first == "$" and (match := _SETTING.fullmatch(line)):
+        return Setting(int(match[1]), match[2])
+    if match := _NUMBERED.fullmatch(line):
+        return Reply(int(match[2])) if match[1] == "error" else Alarm(int(match[2]))
+    if match := _ERROR_TEXT.fullmatch(line):
+        return Reply(UNNUMBERED, match[1])
     # A boot loader may leave bytes on the line before it.
-    if found := _WELCOME.search(line):
-        hal, fluid = found[1] == "GrblHAL", "[FluidNC " in line
+    if match := _WELCOME.search(line):
+        hal, fluid = match[1] == "GrblHAL", "[FluidNC " in line
         firmware = Firmware.HAL if hal else Firmware.FLUID if fluid else Firmware.GRBL
-        return Welcome(found[2], firmware)
+        return Welcome(match[2], firmware)
     return Other(line)
 
 
@@ -174,7 +174,6 @@ class Messages:
 # State and position are always present. All other fields are optional and come in any order. WCO
 # and Ov come at intervals and hold until they come again. Lengths are in inches where ``$13=1``.
 
-MM_PER_INCH = 25.4
 
 MOVING = frozenset(("Run", "Jog", "Home"))
 """States of a machine in motion (in a dwell it is Idle)."""
@@ -414,9 +413,9 @@ def seconds_of(text: str) -> float:
             if line.startswith("$RST")
             else 0.0
         )
-    found = _SECONDS.search(line) if _DWELL.search(line) else None
+    match = _SECONDS.search(line) if _DWELL.search(line) else None
     try:
-        return float(found[1]) if found else 0.0
+        return float(match[1]) if match else 0.0
     except ValueError:
         return 0.0
 

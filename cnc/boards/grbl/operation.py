@@ -21,6 +21,7 @@ from cnc.boards.protocols import OnReport, board_error
 from cnc.machine.models import Machine
 from cnc.model.blocks import AXIS_LETTERS
 from cnc.model.diagnostics import BoardError, Diagnostic, UsageError
+from cnc.model.units import per_minute, per_second
 
 if TYPE_CHECKING:
     from cnc.boards.grbl.driver import GrblBoard
@@ -37,7 +38,6 @@ AHEAD_S = 0.25
 """Length of the pieces that the board has, s; it brakes from every speed of a jog within it."""
 SHORTEST_PIECE = 0.05
 """mm; GRBL reads three decimals."""
-MM_PER_MIN = 60.0
 SERVED_IN_RUN = 0.01
 """Longest time until a request of the operator is served during a run, s."""
 
@@ -68,7 +68,7 @@ class JogLine:
             f"{letter.upper()}{place + (self.end[letter] - place) * part:.3f}"
             for letter, place in self.start.items()
         )
-        return f"$J=G53G21{words}F{self.feed * MM_PER_MIN:.1f}"
+        return f"$J=G53G21{words}F{per_minute(self.feed):.1f}"
 
 
 class GrblOperation:
@@ -123,7 +123,7 @@ class GrblOperation:
             rate, acceleration = info.axis(RATES, column), info.axis(ACCELERATIONS, column)
             update: dict[str, float | None] = {"max_jerk": math.inf}
             if rate is not None:
-                update["max_velocity"] = min(axis.max_velocity, rate / MM_PER_MIN)
+                update["max_velocity"] = min(axis.max_velocity, per_second(rate))
             if acceleration is not None:
                 update["max_acceleration"] = acceleration
             axes[letter] = axis.model_copy(update=update)
@@ -249,10 +249,10 @@ class GrblOperation:
         length = [0.0] * len(position)
         if len(length) > 2:
             length[2] = board.info.tool_length
-        each = zip(
+        parts = zip(
             position, places.get(system, nothing), places.get("G92", nothing), length, strict=False
         )
-        return tuple(a - b - c - d for a, b, c, d in each)
+        return tuple(a - b - c - d for a, b, c, d in parts)
 
     def _refuse_if_locked(self) -> None:
         """Raise BoardError ``board-locked`` while the board is in alarm."""
@@ -278,7 +278,7 @@ class GrblOperation:
             board.restore_shift(dict(zip(AXIS_LETTERS, shift, strict=False)))
         status = link.refresh()
         if status.locked:
-            pressed = "".join(each for each in status.pins if each.lower() in AXIS_LETTERS)
+            pressed = "".join(pin for pin in status.pins if pin.lower() in AXIS_LETTERS)
             if pressed and board.info.hard_limits and not at_switch:
                 raise faults.at_switch(pressed)
             link.ask("$X")

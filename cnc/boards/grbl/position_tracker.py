@@ -258,7 +258,7 @@ def moves_of(
     rapid = rows["kind"] == LineKind.RAPID
     seconds = limits.times(length, unit, np.where(rapid, math.inf, rows["feed"]), turns)
     places = list(map(tuple, points.tolist()))
-    each = zip(
+    values = zip(
         rows["line"].tolist(),
         [places[k] for k in kept],
         [places[k + 1] for k in kept],
@@ -266,7 +266,7 @@ def moves_of(
         seconds.tolist(),
         strict=True,
     )
-    moves: list[Move] = list(map(new_straight, each))
+    moves: list[Move] = list(map(new_straight, values))
     for k in np.flatnonzero(is_arc):
         begin, end = places[kept[k]], places[kept[k] + 1]
         moves[k] = arc = _arc(rows[k], begin, end, limits)
@@ -292,8 +292,8 @@ def _points(rows: NDArray[np.void], start: Point, offset: Point) -> Floats:
     points = np.tile(np.array(start), (len(rows) + 1, 1))
     points[1:, :named] = target[:, :named] + np.array(offset[:named])
     # An axis that a line does not name stays where the line before has left it.
-    known = np.where(np.isnan(points), 0, np.arange(len(points))[:, np.newaxis])
-    return np.take_along_axis(points, np.maximum.accumulate(known, axis=0), axis=0)
+    last_named = np.where(np.isnan(points), 0, np.arange(len(points))[:, np.newaxis])
+    return np.take_along_axis(points, np.maximum.accumulate(last_named, axis=0), axis=0)
 
 
 def _arc(row: np.void, start: Point, end: Point, limits: AxisLimits) -> ArcMove:
@@ -471,17 +471,17 @@ class PositionTracker:
         if len(self._moves) > kept:
             self._drop(len(self._moves) - kept)
         point = tuple(position)
-        found, closest = self._find(point, self._reported)
-        if found is not None:
-            over, self._reported = self._reported, found
+        place, closest = self._find(point, self._reported)
+        if place is not None:
+            over, self._reported = self._reported, place
             self._drop(over[0])
             self._passed = over[1]
             return 0.0
         # The report before may have been wrong.
-        found, nearest = self._find(point, (0, self._passed))
-        if found is None:
+        place, nearest = self._find(point, (0, self._passed))
+        if place is None:
             return 0.0 if self._unknown else min(closest, nearest)
-        self._reported = found
+        self._reported = place
         return 0.0
 
     def stopped(self, position: Sequence[float], waiting: int) -> None:

@@ -1,4 +1,4 @@
-"""The protocol of a GRBL board, without I/O: bytes in, events out.
+"""The protocol of a GRBL board, without I/O: bytes in, events out; groups of unanswered lines.
 
 Sources: "Grbl v1.1 Interface", and grblHAL's where it differs.
 
@@ -161,8 +161,8 @@ def groups_of(lines: PackedLines) -> Iterator[LineGroup]:
                 "plain", part, (ends[first : end + 1] - ends[first]).tolist(), numbers, some
             )
         else:
-            known: Kind | None = "probe" if kind == LineKind.PROBE else None
-            yield single(part[:-1], numbers[0], known, some)
+            kind_of_all: Kind | None = "probe" if kind == LineKind.PROBE else None
+            yield single(part[:-1], numbers[0], kind_of_all, some)
         first = end
 
 

@@ -87,12 +87,12 @@ class GrblSettings:
         Raises:
             UsageError: ``setting-unknown``, for a line that is none.
         """
-        found: dict[int, str] = {}
+        values: dict[int, str] = {}
         for number, line in enumerate(lines, start=1):
             text = line.partition(";")[0].strip()
             match = _LINE.fullmatch(text)
             if match is not None:
-                found[int(match[1])] = match[2].strip()
+                values[int(match[1])] = match[2].strip()
             elif text:
                 hint = "a line is such as $110=5000"
                 raise UsageError(
@@ -100,7 +100,7 @@ class GrblSettings:
                         "setting-unknown", f"{text!r} is no setting", file, number, hint=hint
                     )
                 )
-        return found
+        return values
 
     def changes(self, wanted: Mapping[int, str]) -> list[SettingChange]:
         """Return the settings to write, in their order.
@@ -135,7 +135,9 @@ class GrblSettings:
         link = self._link
         for change in listed:
             link.ask(f"${change.number}={change.after}")
-        kept = {each.number: each.value for each in link.ask("$$") if isinstance(each, Setting)}
+        kept = {
+            answer.number: answer.value for answer in link.ask("$$") if isinstance(answer, Setting)
+        }
         link.info.settings.update(kept)
         for number, _, after in listed:
             if not _same(kept.get(number, ""), after):

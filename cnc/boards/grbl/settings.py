@@ -9,10 +9,12 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from cnc.boards.grbl.messages import MM_PER_INCH, Feedback, Firmware, Setting, in_mm
+from cnc.boards.grbl.messages import Feedback, Firmware, Setting, in_mm
 from cnc.boards.grbl.protocol import RX_BYTES
 from cnc.machine.models import Machine
+from cnc.model import parameter_numbers as numbers
 from cnc.model.blocks import AXIS_LETTERS
+from cnc.model.units import MM_PER_INCH
 
 ARC_TOLERANCE, JUNCTION_DEVIATION, REPORT_INCHES, SOFT_LIMITS, HARD_LIMITS = 12, 11, 13, 20, 21
 TOOL_CHANGE_MODE = 341
@@ -28,7 +30,7 @@ HOMING_CYCLES = range(44, 50)
 ROTARY_AXES = 376
 STEPS, RATES, ACCELERATIONS, TRAVELS = 100, 110, 120, 130
 """Numbers of the settings of the X axis; the other axes follow. Steps/mm, mm/min, mm/s^2, mm."""
-SYSTEMS = ("G54", "G55", "G56", "G57", "G58", "G59")
+SYSTEMS = numbers.SYSTEMS[:6]
 PLACES = (*SYSTEMS, "G28", "G30", "G92")
 ABOUT = ("DRIVER", "DRIVER VERSION", "BOARD", "SIGNALS", "AUX IO", "PLUGIN")
 """Lines of grblHAL's ``$I+`` that describe the board."""
@@ -128,27 +130,27 @@ class BoardInfo:
 
     def take(self, answers: Sequence[Feedback | Setting]) -> None:
         """Note the answers to ``$I``, ``$$`` and, last, ``$#``."""
-        for each in answers:
-            if isinstance(each, Setting):
-                self.settings[each.number] = each.value
-            elif each.kind == "VER":
-                self.build = each.text.rstrip(":")
-            elif each.kind == "OPT":
-                self._options(each.text)
-            elif each.kind == "AXS":
-                self.letters = each.text.partition(":")[2].upper()
-            elif each.kind == "NEWOPT":
-                self.extensions = frozenset(each.text.upper().split(","))
-            elif each.kind == "FIRMWARE" and "grblhal" in each.text.lower():
+        for answer in answers:
+            if isinstance(answer, Setting):
+                self.settings[answer.number] = answer.value
+            elif answer.kind == "VER":
+                self.build = answer.text.rstrip(":")
+            elif answer.kind == "OPT":
+                self._options(answer.text)
+            elif answer.kind == "AXS":
+                self.letters = answer.text.partition(":")[2].upper()
+            elif answer.kind == "NEWOPT":
+                self.extensions = frozenset(answer.text.upper().split(","))
+            elif answer.kind == "FIRMWARE" and "grblhal" in answer.text.lower():
                 self.kind = Firmware.HAL
-            elif each.kind in ABOUT:
-                self.about.append(f"{each.kind}: {each.text}")
-            elif each.kind in PLACES:
-                self.four_decimals = self.fluid and _INCHES.match(each.text) is not None
-                self.places[each.kind] = self._lengths(each.text)
-            elif each.kind == "TLO":
+            elif answer.kind in ABOUT:
+                self.about.append(f"{answer.kind}: {answer.text}")
+            elif answer.kind in PLACES:
+                self.four_decimals = self.fluid and _INCHES.match(answer.text) is not None
+                self.places[answer.kind] = self._lengths(answer.text)
+            elif answer.kind == "TLO":
                 # GRBL reports one number, grblHAL one for each axis.
-                lengths = self._lengths(each.text)
+                lengths = self._lengths(answer.text)
                 self.tool_length = (
                     (lengths[2] if len(lengths) > 2 else lengths[0]) if lengths else 0.0
                 )
@@ -213,7 +215,7 @@ class BoardInfo:
 
     def homes_axis(self, column: int) -> bool:
         """Whether homing includes an axis: of grblHAL by its cycles, of other boards all."""
-        masks = [int(mask) for each in HOMING_CYCLES if (mask := self.number(each)) is not None]
+        masks = [int(mask) for cycle in HOMING_CYCLES if (mask := self.number(cycle)) is not None]
         return (
             self.kind is not Firmware.HAL or not masks or any(mask >> column & 1 for mask in masks)
         )

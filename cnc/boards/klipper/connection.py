@@ -1,4 +1,4 @@
-"""The connection to a Klipper board: exchange of blocks, questions, and the board's clock."""
+"""The connection to a Klipper board: exchange of blocks, questions, its clock, and its report."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ class BoardClock:
         """
         first, last = self._samples[0], self._samples[-1]
         half = 0.5 * (first[0] + last[0])
-        middle = min(self._samples, key=lambda each: abs(each[0] - half))
+        middle = min(self._samples, key=lambda sample: abs(sample[0] - half))
         signs = {self._sign(drift, jump, *pair) for pair in ((first, middle), (middle, last))}
         if len(signs) > 1 or 0 in signs:
             return 0.0
@@ -158,15 +158,15 @@ class BoardClock:
         trip = max(received - sent, 1e-9)
         self._samples.append((0.5 * (sent + received), clock, trip))
         self.wrong = self.wrong or self.beyond(MAX_DRIFT)
-        least = min(each[2] for each in self._samples)
+        least = min(sample[2] for sample in self._samples)
         self.half_trip_s = 0.5 * least
         # The error of an answer is at most half of its round trip beyond the shortest.
         scale = 0.1 * least + 1e-6
         first, base = self._samples[0][0], self._samples[0][1]
-        weights = [1.0 / (scale + each[2] - least) ** 2 for each in self._samples]
+        weights = [1.0 / (scale + sample[2] - least) ** 2 for sample in self._samples]
         total = sum(weights)
-        times = [each[0] - first for each in self._samples]
-        clocks = [float(each[1] - base) for each in self._samples]
+        times = [sample[0] - first for sample in self._samples]
+        clocks = [float(sample[1] - base) for sample in self._samples]
         time = sum(w * t for w, t in zip(weights, times, strict=True)) / total
         ticks = sum(w * c for w, c in zip(weights, clocks, strict=True)) / total
         if times[-1] - times[0] >= LEAST_SPAN_S:
@@ -290,7 +290,7 @@ class Connection:
             self.port.write(out)
         data = self.port.read(seconds)
         now = self.clock.now()
-        found: list[Message] = []
+        received: list[Message] = []
         acknowledged = self.link.acknowledged
         for block in self.link.receive(data, now):
             try:
@@ -303,15 +303,15 @@ class Connection:
                     raise self._foreign(str(error)) from error
                 log.debug("%s: %s", self.name, error)
                 continue
-            found += messages
+            received += messages
             for message in messages:
                 if message.name == "clock":
                     self._take_clock(message["clock"], block.acknowledged, now)
         # A board that restarts begins with another number, which may seem to acknowledge blocks.
-        restarts = any(message.name == "starting" for message in found)
-        if not restarts and (found or self.link.acknowledged > acknowledged):
+        restarts = any(message.name == "starting" for message in received)
+        if not restarts and (received or self.link.acknowledged > acknowledged):
             self.heard_at = now
-        return found
+        return received
 
     def _ask_clock(self) -> None:
         """Ask for the clock, unless the board has not taken the last such question yet."""
@@ -577,21 +577,21 @@ def klipper_report(port: str, board: KlipperInfo, baud: int) -> Iterator[str]:
         board: The board.
         baud: Speed of the port, bits/s.
     """
-    known = board.dictionary
-    frequency = known.constant("CLOCK_FREQ", 0.0) / 1e6
+    dictionary = board.dictionary
+    frequency = dictionary.constant("CLOCK_FREQ", 0.0) / 1e6
     state = "shut down" if board.shut_down else "configured" if board.configured else "ready"
-    yield f"# Klipper firmware {known.version}  {known.constants.get('MCU', '')}  {state}"
+    yield f"# Klipper firmware {dictionary.version}  {dictionary.constants.get('MCU', '')}  {state}"
     queue = f"{board.slots} entries" if board.slots else "size known after configuration"
     yield f"# clock {frequency:g} MHz, move queue: {queue}"
-    yield f"# pins: {pin_ranges(known.enumerations.get('pin', {}))}"
-    buses = known.enumerations.get("spi_bus", {})
+    yield f"# pins: {pin_ranges(dictionary.enumerations.get('pin', {}))}"
+    buses = dictionary.enumerations.get("spi_bus", {})
     if buses:
         yield f"# SPI buses: {', '.join(buses)}"
     yield "# A machine file for it. Replace every STEP_X, DIR_X and so on by a pin of your board,"
     yield "# and every number by that of your machine; until then nothing can move."
     yield "[board]"
     yield f'kind = "klipper"\nport = {json.dumps(port)}\nbaud = {baud}'
-    if model := _model(known):
+    if model := _model(dictionary):
         yield f'\n[board.klipper]\nmcu = "{model}"'
     for letter in AXES:
         upper = letter.upper()
@@ -603,7 +603,7 @@ def klipper_report(port: str, board: KlipperInfo, baud: int) -> Iterator[str]:
         yield from (f"{key} = {value}" for key, value in EXAMPLE.items())
 
 
-def _model(known: Dictionary) -> str:
+def _model(dictionary: Dictionary) -> str:
     """Return the name of the model of a microcontroller, "" if there is none."""
-    mcu = known.constants.get("MCU")
-    return next((name for name, each in FIRMWARES.items() if each.mcu == mcu), "")
+    mcu = dictionary.constants.get("MCU")
+    return next((name for name, firmware in FIRMWARES.items() if firmware.mcu == mcu), "")

@@ -23,6 +23,8 @@ from cnc.boards.klipper.supervisor import RELEASE, Supervisor
 from cnc.boards.port import Clock, Port, SystemClock
 from cnc.boards.protocols import Capabilities, board_error
 from cnc.boards.pulse_board import OutputState, PulseBoard, port_name
+from cnc.boards.serial_port import identity as port_identity
+from cnc.boards.serial_port import open_port
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block, Dwell, Probe, Spindle, SwitchMove
 from cnc.model.diagnostics import Diagnostic
@@ -76,8 +78,6 @@ class Klipper(PulseBoard):
     @classmethod
     def from_machine(cls, machine: Machine, target: Path | None = None) -> Klipper:
         """Open the board on the port ``target``, else on that of the machine file."""
-        from cnc.boards.serial_port import identity, open_port
-
         section(machine)
         name = port_name(machine, target, "Klipper")
         ports: list[Port] = []
@@ -88,8 +88,14 @@ class Klipper(PulseBoard):
 
         try:
             port = opened()
-            known = identity(name)
-            return cls(port, machine, name, background=True, identity=known, reopen=opened)
+            return cls(
+                port,
+                machine,
+                name,
+                background=True,
+                identity=port_identity(name),
+                reopen=opened,
+            )
         except BaseException:
             for port in ports:
                 port.close()
@@ -123,8 +129,8 @@ class Klipper(PulseBoard):
     def feasibility_check(self) -> KlipperFeasibility:
         """Return a check of a program for this board."""
         supervisor = self._supervisor
-        known = profile_of(self._machine, supervisor.connection.dictionary, supervisor.slots)
-        return KlipperFeasibility(self._machine, known)
+        profile = profile_of(self._machine, supervisor.connection.dictionary, supervisor.slots)
+        return KlipperFeasibility(self._machine, profile)
 
     @classmethod
     def expected_feasibility_check(cls, machine: Machine) -> KlipperFeasibility:
@@ -133,15 +139,15 @@ class Klipper(PulseBoard):
         Raises:
             MachineFileError: The machine file names a microcontroller that lacks one of its pins.
         """
-        known = machine.board.klipper
-        if known is not None and "mcu" in known.model_fields_set:
+        table = machine.board.klipper
+        if table is not None and "mcu" in table.model_fields_set:
             LayoutBuilder(machine, firmware_of(machine).dictionary).build()
         return KlipperFeasibility(machine, profile_of(machine))
 
     @property
     def motor_switches(self) -> tuple[tuple[bool, ...], ...]:
         """Whether each switch of each axis is closed, for the first axes that have one."""
-        found: list[tuple[bool, ...]] = []
+        pressed: list[tuple[bool, ...]] = []
         supervisor = self._supervisor
         with self._lock:
             supervisor.refuse_after_fault()
@@ -149,8 +155,8 @@ class Klipper(PulseBoard):
                 limits = supervisor.layout.limits(column)
                 if not limits:
                     break
-                found.append(tuple(self._is_pressed(limit) for limit in limits))
-        return tuple(found)
+                pressed.append(tuple(self._is_pressed(limit) for limit in limits))
+        return tuple(pressed)
 
     def prepare_next_start(self, *, watched: Sequence[bool], known: Sequence[bool]) -> None:
         """Set conditions for the next start alone.
@@ -245,9 +251,9 @@ class Klipper(PulseBoard):
         supervisor.active = False
         supervisor.store(moving=False)
 
-    def _is_pressed(self, each: InputObject) -> bool:
+    def _is_pressed(self, switch: InputObject) -> bool:
         supervisor = self._supervisor
-        return supervisor.guards.is_pressed(each, supervisor.pump)
+        return supervisor.guards.is_pressed(switch, supervisor.pump)
 
     def _refuse_pressed(self, watched: set[int]) -> None:
         """Raise a fault if the e-stop or a limit switch that is watched is pressed."""
@@ -256,9 +262,9 @@ class Klipper(PulseBoard):
         if stop is not None and self._is_pressed(stop):
             raise board_error("board-emergency-stop", "the e-stop is pressed", hint=RELEASE)
         pressed = [
-            self._position.letter(each.column)
-            for each in supervisor.layout.inputs
-            if each.column in watched and each.column >= 0 and self._is_pressed(each)
+            self._position.letter(switch.column)
+            for switch in supervisor.layout.inputs
+            if switch.column in watched and switch.column >= 0 and self._is_pressed(switch)
         ]
         if pressed:
             hint = (
@@ -271,22 +277,22 @@ class Klipper(PulseBoard):
     def _begin_probe(self, block: Probe, time_ns: int) -> None:
         """Arm the input of a probing move: the probe, or a limit switch in a homing move."""
         supervisor, towards = self._supervisor, block.towards
-        found: list[InputObject]
+        inputs: list[InputObject]
         if isinstance(block, SwitchMove):
-            name, found = "switch", supervisor.layout.limits(block.switch)
-            if block.motor is not None and len(found) > 1:
-                found = [found[block.motor]]
+            name, inputs = "switch", supervisor.layout.limits(block.switch)
+            if block.motor is not None and len(inputs) > 1:
+                inputs = [inputs[block.motor]]
         else:
             probe = supervisor.layout.input("probe")
-            name, found = "probe", [] if probe is None else [probe]
-        if not found:
+            name, inputs = "probe", [] if probe is None else [probe]
+        if not inputs:
             hint = "name its pin in the machine file: board.klipper.probe"
             message = f"the board has no {name}"
             raise supervisor.fail(
                 board_error("board-senseless", message, line=block.line, hint=hint)
             )
         supervisor.rest(time_ns)
-        if any(self._is_pressed(each) == towards for each in found):
+        if any(self._is_pressed(switch) == towards for switch in inputs):
             state = "makes contact already" if towards else "makes no contact"
             hint = "move it off first" if towards else "G38.4 and G38.5 start in contact"
             message = f"the {name} {state}"
@@ -297,7 +303,7 @@ class Klipper(PulseBoard):
             scale = float(self._machine.steps_per_mm[block.switch])
             supervisor.drivers.begin_stalls(block.switch, block.feed * scale)
         supervisor.guards.armed = tuple(
-            ArmedInput(each, each.active if towards else 1 - each.active) for each in found
+            ArmedInput(switch, switch.active if towards else 1 - switch.active) for switch in inputs
         )
         supervisor.probing = True
 
@@ -322,16 +328,16 @@ def baud_of(machine: Machine) -> int:
 
 
 def _capabilities(machine: Machine, tick_ns: float) -> Capabilities:
-    known = machine.board.klipper
+    table = machine.board.klipper
     return Capabilities(
         len(machine.axes),
         machine.board.max_step_rate,
         tick_ns,
         senses=False,
         stop_latency_s=STOP_LATENCY,
-        probes=known is not None and known.probe is not None,
+        probes=table is not None and table.probe is not None,
         slice_s=PIECE_S / 2,
-        actions=actions(known),
+        actions=actions(table),
         separate_axes=True,
         limit_switches=True,
         kernels=("step runs",),

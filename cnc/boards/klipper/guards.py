@@ -88,30 +88,31 @@ class Guards:
         levels = self._levels()
         self._homing = list(levels)
         rest = round(REST_S * ticks)
-        for k, each in enumerate(levels):
+        for k, switch in enumerate(levels):
             send(
                 "endstop_home",
-                oid=each.oid,
+                oid=switch.oid,
                 clock=(clock + k * rest // len(levels)) % 2**32,
                 sample_ticks=round(SAMPLE_S * ticks),
                 sample_count=SAMPLES,
                 rest_ticks=rest,
-                pin_value=levels[each],
+                pin_value=levels[switch],
                 trsync_oid=trigger,
-                trigger_reason=each.reason,
+                trigger_reason=switch.reason,
             )
         self._renewed_at = None
         self.renew()
 
     def _levels(self) -> dict[InputObject, int]:
         """Return the inputs that end the next motion, each with the level that does so."""
-        armed = {known.input: known.level for known in self.armed}
+        armed = {watched_input.input: watched_input.level for watched_input in self.armed}
         return {
-            each: armed.get(each, each.active)
-            for each in self._layout.inputs
-            if each in armed
+            switch: armed.get(switch, switch.active)
+            for switch in self._layout.inputs
+            if switch in armed
             or not (
-                each.name == "probe" or (each.name == "limit" and each.column not in self.watched)
+                switch.name == "probe"
+                or (switch.name == "limit" and switch.column not in self.watched)
             )
         }
 
@@ -127,10 +128,10 @@ class Guards:
 
     def disarm(self) -> None:
         """Stop to watch the switches."""
-        for each in self._homing:
+        for switch in self._homing:
             self._connection.send(
                 "endstop_home",
-                oid=each.oid,
+                oid=switch.oid,
                 clock=0,
                 sample_ticks=0,
                 sample_count=0,
@@ -154,13 +155,13 @@ class Guards:
 
     def is_armed(self, reason: int) -> bool:
         """Return whether a trigger for this reason comes from an armed input."""
-        return any(each.input.reason == reason for each in self.armed)
+        return any(watched.input.reason == reason for watched in self.armed)
 
-    def is_pressed(self, each: InputObject, pump: Callable[[float], list[Message]]) -> bool:
+    def is_pressed(self, switch: InputObject, pump: Callable[[float], list[Message]]) -> bool:
         """Return whether an input is pressed."""
         ask = self._connection.ask
-        state = ask("endstop_query_state", "endstop_state", pump, oid=each.oid)
-        return state["pin_value"] == each.active
+        state = ask("endstop_query_state", "endstop_state", pump, oid=switch.oid)
+        return state["pin_value"] == switch.active
 
     def trigger(self) -> None:
         """Stop all motors at once."""

@@ -143,11 +143,11 @@ class Layout:
 
     def limits(self, column: int) -> list[InputObject]:
         """Return the limit switches of an axis, in the order of its motors."""
-        return [each for each in self.inputs if each.column == column]
+        return [switch for switch in self.inputs if switch.column == column]
 
     def input(self, name: str) -> InputObject | None:
         """Return an input by its name."""
-        return next((each for each in self.inputs if each.name == name), None)
+        return next((candidate for candidate in self.inputs if candidate.name == name), None)
 
 
 def section(machine: Machine) -> KlipperBoard:
@@ -156,15 +156,15 @@ def section(machine: Machine) -> KlipperBoard:
     Raises:
         UsageError: ``klipper-pins``, if the machine file has none.
     """
-    known = machine.board.klipper
-    if known is None:
+    table = machine.board.klipper
+    if table is None:
         hint = (
             "write the tables [board.klipper.x], ... with step and direction; "
             "cncrun boards lists the pins of a board"
         )
         message = "the machine file does not tell the pins of the Klipper board"
         raise UsageError(Diagnostic("klipper-pins", message, hint=hint))
-    return known
+    return table
 
 
 class LayoutBuilder:
@@ -206,13 +206,13 @@ class LayoutBuilder:
                 self._driver(letter, number, driver)
             for number, text in enumerate(axis.endstop or ()):
                 self._limit(letter, column, number, text)
-        known = self._known
-        if known.probe is not None:
-            self._input(("probe",), "probe", known.probe, ARMED)
-        if known.emergency_stop is not None:
-            self._input(("emergency_stop",), "e-stop", known.emergency_stop, EMERGENCY)
-        if known.spindle is not None:
-            spindle = known.spindle
+        table = self._known
+        if table.probe is not None:
+            self._input(("probe",), "probe", table.probe, ARMED)
+        if table.emergency_stop is not None:
+            self._input(("emergency_stop",), "e-stop", table.emergency_stop, EMERGENCY)
+        if table.spindle is not None:
+            spindle = table.spindle
             if spindle.pwm:
                 self._pwm(("spindle", "pin"), spindle.pin, spindle.frequency)
             else:
@@ -220,7 +220,7 @@ class LayoutBuilder:
             if spindle.backward is not None:
                 self._digital(("spindle", "backward"), "backward", spindle.backward)
         for name in ("flood", "mist", "fan"):
-            pin = getattr(known, name)
+            pin = getattr(table, name)
             if pin is not None:
                 self._digital((name,), name, pin)
         self._check_buses()
@@ -263,11 +263,11 @@ class LayoutBuilder:
 
     def _motors(self, letter: str, column: int, axis: KlipperAxis) -> None:
         pulse = max(1, round(self._machine.board.step_pulse * self._ticks))
-        known = next(each for name, each in self._machine.axes.items() if name == letter)
+        table = next(entry for name, entry in self._machine.axes.items() if name == letter)
         for number, (step, direction) in enumerate(zip(axis.step, axis.direction, strict=True)):
-            invert = known.invert
-            if number < len(known.motors):
-                invert ^= known.motors[number].invert
+            invert = table.invert
+            if number < len(table.motors):
+                invert ^= table.motors[number].invert
             oid = self._create(
                 "config_stepper",
                 step_pin=self.pin((letter, "step"), step),

@@ -25,18 +25,18 @@ REPEAT_S = 0.25 * MAX_DURATION_S
 """Time between two repetitions."""
 
 
-def actions(known: KlipperBoard | None) -> frozenset[Action]:
+def actions(table: KlipperBoard | None) -> frozenset[Action]:
     """Return the actions that a board with these pins supports between moves."""
-    found: set[Action] = set()
-    if known is not None and known.spindle is not None:
-        found.add("spindle")
-        if known.spindle.backward is not None:
-            found.add("spindle backward")
-    if known is not None and known.flood is not None:
-        found.add("flood")
-    if known is not None and known.mist is not None:
-        found.add("mist")
-    return frozenset(found)
+    possible: set[Action] = set()
+    if table is not None and table.spindle is not None:
+        possible.add("spindle")
+        if table.spindle.backward is not None:
+            possible.add("spindle backward")
+    if table is not None and table.flood is not None:
+        possible.add("flood")
+    if table is not None and table.mist is not None:
+        possible.add("mist")
+    return frozenset(possible)
 
 
 def share_of(state: OutputState, output: OutputObject) -> float:

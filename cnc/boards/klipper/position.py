@@ -1,4 +1,7 @@
-"""Position of a machine on a Klipper board: counts of the motors, grid points, coordinates."""
+"""Position of a machine on a Klipper board: counts of the motors, and the file between runs.
+
+The configuration of the board when it is opened stands here too, because it sets the counts.
+"""
 
 from __future__ import annotations
 
@@ -41,8 +44,8 @@ class MotorPosition(MachinePosition):
     def select(self, alone: tuple[int, int] | None) -> None:
         """Let one motor of an axis (column, motor) take part in the motion, or all."""
         self.moving = [
-            alone is None or each.column != alone[0] or each.number == alone[1]
-            for each in self._motors
+            alone is None or motor.column != alone[0] or motor.number == alone[1]
+            for motor in self._motors
         ]
 
     def counts(self, positions: list[int]) -> list[int]:
@@ -179,7 +182,7 @@ KEPT, SWITCH_OFF = "it keeps another configuration", "switch it off and on"
 def shutdown_reason(connection: Connection, number: int) -> str:
     """Return the board's own text for the reason of a shutdown."""
     names = connection.dictionary.enumerations.get("static_string_id", {})
-    return next((name for name, known in names.items() if known == number), f"reason {number}")
+    return next((name for name, listed in names.items() if listed == number), f"reason {number}")
 
 
 def configure(connection: Connection, layout: Layout, kept: int, new: int) -> tuple[int, bool]:
@@ -244,8 +247,8 @@ def _is_sound(connection: Connection, layout: Layout) -> bool:
         ask("trsync_trigger", "trsync_state", pump, oid=layout.trigger, reason=BY_HOST)
         for motor in layout.motors:
             ask("stepper_get_position", "stepper_position", pump, oid=motor.oid)
-        for each in layout.inputs:
-            ask("endstop_query_state", "endstop_state", pump, oid=each.oid)
+        for switch in layout.inputs:
+            ask("endstop_query_state", "endstop_state", pump, oid=switch.oid)
     except Shutdown:
         return False
     return True
@@ -270,8 +273,8 @@ def _write(connection: Connection, layout: Layout, number: int) -> str:
 
 def _forget(connection: Connection) -> None:
     """Let the board forget its configuration: few can do that without a restart."""
-    known = connection.dictionary.command_names
-    if "config_reset" in known:
+    commands = connection.dictionary.command_names
+    if "config_reset" in commands:
         connection.send("emergency_stop")
         # The firmware drops the rest of a block in which it shuts down.
         connection.flush(connection.pump)
@@ -281,7 +284,7 @@ def _forget(connection: Connection) -> None:
         except BoardError:
             connection.reconnect()
             config = _config(connection)
-    elif "reset" in known:
+    elif "reset" in commands:
         connection.reset()
         config = _config(connection)
     else:
@@ -345,13 +348,13 @@ class PositionKeeper:
 
     def write(self, position: MotorPosition, *, moving: bool) -> None:
         """Keep the position for the next program."""
-        known, offset = position.known.tolist(), list(position.offset)
+        certain, offset = position.known.tolist(), list(position.offset)
         self._store.write(
             StoredPosition(
                 layout=self._layout.crc,
                 number=self._number,
                 offset=offset,
-                known=known,
+                known=certain,
                 moving=moving,
             )
         )

@@ -1,4 +1,4 @@
-"""Sending of grid moves to the queues of a Klipper board, within a horizon and the queue's slots.
+"""Sending of grid moves to the queues of a Klipper board: horizon, slots, steps, emergency ramp.
 
       board plays       sent            reserve            from the planner
     ──────●──────────────────────┤·················┤ ◄── ── ── ── ── ──
@@ -218,7 +218,7 @@ class WaitingMoves:
     def joined(self) -> Moves:
         """Return all moves."""
         if len(self._parts) > 1:
-            joined = Moves(*(np.concatenate(each) for each in zip(*self._parts, strict=True)))
+            joined = Moves(*(np.concatenate(parts) for parts in zip(*self._parts, strict=True)))
             self._parts[:] = [joined]
         return self._parts[0]
 
@@ -482,10 +482,10 @@ class Sender:
         """Let one motor of an axis (column, motor) take part in the motion, or all."""
         self._motors = [
             [
-                each
-                for each in self._layout.motors
-                if each.column == column
-                and (alone is None or alone[0] != column or alone[1] == each.number)
+                motor
+                for motor in self._layout.motors
+                if motor.column == column
+                and (alone is None or alone[0] != column or alone[1] == motor.number)
             ]
             for column in range(self._axes)
         ]
@@ -705,7 +705,7 @@ class Sender:
         time_ns, step, line, points = moves
         ticks = np.rint((time_ns - self._base_ns) * (1e-9 * self._frequency))
         clocks = self._base_clock + ticks.astype(np.int64)
-        found: list[tuple[int, int, int, Runs]] = []
+        queued: list[tuple[int, int, int, Runs]] = []
         for column in range(self._axes):
             rows = np.flatnonzero(step[:, column])
             if not len(rows):
@@ -713,12 +713,12 @@ class Sender:
             due = clocks[rows]
             self._renew(column, int(due[0]))
             runs = self._encoders[column].encode(due, step[rows, column])
-            found += [(begin, column, k, runs) for k, begin in enumerate(runs.begin.tolist())]
-        found.sort(key=lambda each: each[:3])
+            queued += [(begin, column, k, runs) for k, begin in enumerate(runs.begin.tolist())]
+        queued.sort(key=lambda entry: entry[:3])
         link = self._connection.link
         self.tracker.add(clocks, points, line)
         self.tracker.acknowledge(link.acknowledged)
-        for begin, column, k, runs in found:
+        for begin, column, k, runs in queued:
             self._queue(begin, column, k, runs)
             if self.cut:
                 return

@@ -1,4 +1,4 @@
-"""Supervision of an open Klipper board: triggers, shutdowns, faults, positions."""
+"""Supervision of an open Klipper board: triggers, shutdowns, alarms, faults, positions."""
 
 from __future__ import annotations
 
@@ -164,7 +164,7 @@ class Supervisor(PulseSupervisor):
         identity: str = "",
         reopen: Reopen | None = None,
     ) -> None:
-        known = section(machine)
+        table = section(machine)
         axes = len(machine.axes)
         self.least_ns = 1e9 / machine.board.max_step_rate
         super().__init__(Loopback(axes, self.least_ns))
@@ -188,7 +188,7 @@ class Supervisor(PulseSupervisor):
         self.drivers = DriverWatch(self.connection, drivers)
         self.guards = Guards(self.connection, self.layout, axes)
         limits = MotionLimits(
-            known.tolerance_us * 1e-6, self.least_ns * 1e-9, ramp_seconds(machine)
+            table.tolerance_us * 1e-6, self.least_ns * 1e-9, ramp_seconds(machine)
         )
         guard = Guard(self.pump, self.guards.arm, self._rest_between)
         self.sender = Sender(self.connection, self.layout, axes, self.slots, guard, limits)
@@ -391,7 +391,7 @@ class Supervisor(PulseSupervisor):
     def halt(self) -> None:
         """Come to rest on the path, and take over the position."""
         self._begin_stop()
-        known = False
+        position_kept = False
         try:
             with suppress(BoardError):
                 self.connection.flush(self.pump)
@@ -404,10 +404,10 @@ class Supervisor(PulseSupervisor):
                 self.set_outputs(self.outputs.state.off())
                 self.connection.flush(self.pump)
                 self.take_position()
-                known = not (moving and (dead or self._stop.dead))
+                position_kept = not (moving and (dead or self._stop.dead))
         finally:
             self._stopping = False
-            if not known:
+            if not position_kept:
                 self.position.forget()
             self.sender.stop()
         self.store(moving=False)
@@ -505,10 +505,10 @@ class Supervisor(PulseSupervisor):
         try:
             point = self.take_position()
         except BoardError:
-            known = tracker.played(self.sender.last_clock)
-            if known is not None:
-                self.sender.position, self.stopped_short = known, True
-                place = self.position.text(known)
+            played = tracker.played(self.sender.last_clock)
+            if played is not None:
+                self.sender.position, self.stopped_short = played, True
+                place = self.position.text(played)
                 message += f"; by its time the machine is at {place}, which may be wrong"
         else:
             kept = held and tracker.unmoved(point, self.sender.last_clock)
@@ -525,15 +525,17 @@ class Supervisor(PulseSupervisor):
 
     def _lost(self, error: BoardError, point: NDArray[np.int64] | None) -> BoardError:
         """End the use of a board that cannot be asked any more, and that stops at about a point."""
-        known = error.diagnostic
+        finding = error.diagnostic
         if self.active and point is not None:
             self.sender.position = point
             self.stopped_short = True
             place = self.position.text(point)
-            message = f"{known.message}; the machine is at about {place}, which may be wrong"
-            known = replace(known, message=message)
+            message = f"{finding.message}; the machine is at about {place}, which may be wrong"
+            finding = replace(finding, message=message)
         self.position.forget()
-        return self.fail(type(error)(replace(known, line=known.line or self.sender.tracker.line)))
+        return self.fail(
+            type(error)(replace(finding, line=finding.line or self.sender.tracker.line))
+        )
 
     def _unanswered(self, error: BoardError) -> BoardError:
         """Return the fault of a question after a motion; what :meth:`pump` raises is complete."""

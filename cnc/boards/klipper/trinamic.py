@@ -1,4 +1,7 @@
-"""Motor drivers by Trinamic (TMC2208, TMC2209, TMC2130, TMC5160), configured through the board."""
+"""Motor drivers by Trinamic (TMC2208, TMC2209, TMC2130, TMC5160) behind a Klipper board.
+
+Datagrams, registers for a machine file, their writing and check, and the watch during motion.
+"""
 
 from __future__ import annotations
 
@@ -79,13 +82,13 @@ def to_bits(data: bytes) -> bytes:
 
 def from_bits(data: bytes) -> bytes | None:
     """Return the bytes between start and stop bits, None if these are wrong."""
-    bits, found = int.from_bytes(data, "little"), bytearray()
+    bits, decoded = int.from_bytes(data, "little"), bytearray()
     for k in range(len(data) * 8 // 10):
         part = bits >> 10 * k & 0x3FF
         if part & 1 or not part & 0x200:
             return None
-        found.append(part >> 1 & 0xFF)
-    return bytes(found)
+        decoded.append(part >> 1 & 0xFF)
+    return bytes(decoded)
 
 
 # Registers of the drivers and their values for a machine file.
@@ -250,10 +253,10 @@ def reset_of(value: int) -> str:
 
 def fault_of(driver: TrinamicDriver, status: int) -> str:
     """Return the fault in DRV_STATUS, "" if there is none."""
-    known = UART_FAULTS if driver.has_uart else SPI_FAULTS
+    faults = UART_FAULTS if driver.has_uart else SPI_FAULTS
     if driver.kind == "tmc2130":
-        known = {bit: text for bit, text in known.items() if bit > 20}
-    return "; ".join(text for bit, text in known.items() if status >> bit & 1)
+        faults = {bit: text for bit, text in faults.items() if bit > 20}
+    return "; ".join(text for bit, text in faults.items() if status >> bit & 1)
 
 
 # Writing and reading of the drivers' registers through a Klipper board, and their check.
@@ -344,13 +347,13 @@ class MotorDriver:
             hint = f"with its sense resistor of {self.driver.resistor:g} ohm it gives {error}"
             message = f"the driver cannot give {self.driver.run_current:g} A"
             raise error_in(machine, key, message, hint) from error
-        for each in wanted:
-            self.write(each.register, each.value)
-        for each in wanted:
-            if each.readable and (found := self.read(each.register)) != each.value:
+        for setting in wanted:
+            self.write(setting.register, setting.value)
+        for setting in wanted:
+            if setting.readable and (present := self.read(setting.register)) != setting.value:
                 message = (
-                    f"has {found:#x} in its register {each.register:#04x} instead of "
-                    f"{each.value:#x}"
+                    f"has {present:#x} in its register {setting.register:#04x} instead of "
+                    f"{setting.value:#x}"
                 )
                 raise self._fault(message, "check its kind, its pins and the motor supply")
         self.write(GSTAT, 7)
@@ -362,17 +365,17 @@ class MotorDriver:
         Raises:
             BoardError: ``motor-driver``, if it reports a fault.
         """
-        found = fault_of(self.driver, self.read(DRV_STATUS)) or reset_of(self.read(GSTAT))
-        if found:
-            raise self._fault(f"reports a fault: {found}", CHECK)
+        fault = fault_of(self.driver, self.read(DRV_STATUS)) or reset_of(self.read(GSTAT))
+        if fault:
+            raise self._fault(f"reports a fault: {fault}", CHECK)
 
     def watch_stalls(self, speed: float | None) -> None:
         """Let DIAG tell a stall of a move at a speed, steps/s; None ends this."""
-        known = (
+        settings = (
             motion_settings(self.driver) if speed is None else stall_settings(self.driver, speed)
         )
-        for each in known:
-            self.write(each.register, each.value)
+        for setting in settings:
+            self.write(setting.register, setting.value)
 
     def ask_for(self, register: int) -> None:
         """Ask for a register, without waiting for the answer."""
@@ -396,8 +399,8 @@ class MotorDriver:
             # A driver with power always tells a scale of its current there.
             return -1 if register == DRV_STATUS and not value else value
         bits = from_bits(message.data("read"))
-        found = None if bits is None else uart_answer(bits, register)
-        return -1 if found is None else found
+        decoded = None if bits is None else uart_answer(bits, register)
+        return -1 if decoded is None else decoded
 
     def text(self, message: str) -> str:
         """Return a message about the driver."""
@@ -532,8 +535,8 @@ class DriverWatch:
             return self._missed(self._unreadable, UNREADABLE)
         self._unreadable[self._turn] = self._lost[self._turn] = 0
         self._advance()
-        found = reset_of(value) if register == GSTAT else fault_of(driver.driver, value)
-        return driver.text(f"reports a fault: {found}") if found else ""
+        fault = reset_of(value) if register == GSTAT else fault_of(driver.driver, value)
+        return driver.text(f"reports a fault: {fault}") if fault else ""
 
     def _missed(self, counts: list[int], most: int) -> str:
         """Count an answer without a value; return the fault if there are too many in a row."""

@@ -1,4 +1,4 @@
-"""The connection to a stepper board: exchange of bytes, requests, and the opening of a board."""
+"""The connection to a stepper board: exchange of bytes, requests, its opening, and its report."""
 
 from __future__ import annotations
 
@@ -139,15 +139,15 @@ class Connection:
             self.port.write(out)
         data = self.port.read(seconds)
         now = self.clock.now()
-        found = [event for event in link.receive(data, now) if isinstance(event, Status)]
-        for status in found:
+        reports = [event for event in link.receive(data, now) if isinstance(event, Status)]
+        for status in reports:
             log.debug("%s: %s", self.name, status)
-        if found:
-            self.status = found[-1]
+        if reports:
+            self.status = reports[-1]
         self._heard_at = max(self._heard_at, link.heard_at or 0.0)
         if now - self._heard_at > ANSWER_TIMEOUT_S:
             raise self._silent()
-        return found
+        return reports
 
     def ask(self, pump: Pump) -> Status:
         """Return a new status; ``pump`` is called until it is there."""

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from cnc.boards.port import Clock, Port, SystemClock
 from cnc.boards.protocols import Capabilities, board_error
 from cnc.boards.pulse_board import OutputState, PulseBoard, port_name
+from cnc.boards.serial_port import open_port
 from cnc.boards.stepper.connection import (
     PROBE,
     STATUS_PERIOD_S,
@@ -79,8 +80,6 @@ class Stepper(PulseBoard):
     @classmethod
     def from_machine(cls, machine: Machine, target: Path | None = None) -> Stepper:
         """Open the board on the port ``target``, else on that of the machine file."""
-        from cnc.boards.serial_port import open_port
-
         name = port_name(machine, target, "stepper")
         port = open_port(name, baud_of(machine))
         try:
@@ -123,11 +122,11 @@ class Stepper(PulseBoard):
             self._supervisor.refuse_after_fault()
             inputs = self._supervisor.ask().inputs
         limits = self._motors.limits
-        found = (
+        pressed = (
             tuple(bool(inputs >> k & 1) for k in self._motors.of_axis(column) if limits >> k & 1)
             for column in range(len(self._machine.axes))
         )
-        return tuple(each for each in found if each)
+        return tuple(axis for axis in pressed if axis)
 
     def prepare_next_start(self, *, watched: Sequence[bool], known: Sequence[bool]) -> None:
         """Set conditions for the next start alone.

@@ -1,4 +1,4 @@
-"""Outputs of the stepper board: spindle, coolant, motor drivers."""
+"""Outputs of the stepper board: spindle, coolant, motor drivers; and its outputs for motors."""
 
 from __future__ import annotations
 
@@ -113,5 +113,5 @@ class MotorOutputs:
 
     def expanded(self, step: NDArray[np.int8]) -> NDArray[np.int8]:
         """Return steps (n, axes) as steps of the outputs (n, outputs), in their directions."""
-        found: NDArray[np.int8] = step[:, self.column] * (self.direction * self.moving)
-        return found.astype(np.int8, copy=False)
+        steps: NDArray[np.int8] = step[:, self.column] * (self.direction * self.moving)
+        return steps.astype(np.int8, copy=False)

@@ -253,12 +253,12 @@ class StepperLink:
     @property
     def unsent(self) -> int:
         """Bytes of the stream that were never sent."""
-        return sum(each.size for each in self._waiting)
+        return sum(data.size for data in self._waiting)
 
     @property
     def unconfirmed(self) -> int:
         """Bytes of the stream that the board has not acknowledged."""
-        return self.unsent + sum(each.size for each in self._flying)
+        return self.unsent + sum(data.size for data in self._flying)
 
     @property
     def full(self) -> bool:
@@ -270,9 +270,9 @@ class StepperLink:
 
         Frames that have a number already are sent empty.
         """
-        for each in (*self._flying, *self._waiting):
-            each.encoded, each.size = (
-                frame(Kind.DATA, each.sequence, PROMISED_END.to_bytes(2, "little")),
+        for data in (*self._flying, *self._waiting):
+            data.encoded, data.size = (
+                frame(Kind.DATA, data.sequence, PROMISED_END.to_bytes(2, "little")),
                 0,
             )
 
@@ -282,20 +282,20 @@ class StepperLink:
             self._send_request(now)
         if self._flying and now - self._moved_at >= RESEND_S:
             self._send_again(now)
-        flying = sum(len(each.encoded) for each in self._flying)
-        room = self._room - sum(each.size for each in self._flying)
+        flying = sum(len(data.encoded) for data in self._flying)
+        room = self._room - sum(data.size for data in self._flying)
         while (
             self._waiting
             and flying + len(self._waiting[0].encoded) <= MAX_IN_FLIGHT
             and self._waiting[0].size <= room
         ):
-            each = self._waiting.popleft()
+            data = self._waiting.popleft()
             if not self._flying:
                 self._moved_at = now
-            self._flying.append(each)
-            flying += len(each.encoded)
-            room -= each.size
-            self._out += each.encoded
+            self._flying.append(data)
+            flying += len(data.encoded)
+            room -= data.size
+            self._out += data.encoded
         out = bytes(self._out)
         self._out.clear()
         return out
@@ -305,12 +305,12 @@ class StepperLink:
         self._incoming += data
         *whole, rest = bytes(self._incoming).split(b"\0")
         events = []
-        for each in whole:
-            found = unframed(each) if each else None
-            if found is None:
-                self._add_noise(each + b"\0")
+        for piece in whole:
+            parts = unframed(piece) if piece else None
+            if parts is None:
+                self._add_noise(piece + b"\0")
             else:
-                event = self._event(*found, now)
+                event = self._event(*parts, now)
                 if event is not None:
                     events.append(event)
         if len(rest) > MAX_FRAME:
@@ -347,7 +347,9 @@ class StepperLink:
         """Return the welcome; of another version only the number, as the format may differ."""
         welcome = Welcome(payload[3])
         if payload[3] == VERSION and len(payload) >= 13:
-            axes, tick_ns, room, least, state, known = struct.unpack_from("<BHHHBB", payload, 4)
+            axes, tick_ns, room, least, state, knows_position = struct.unpack_from(
+                "<BHHHBB", payload, 4
+            )
             welcome = Welcome(
                 payload[3],
                 axes,
@@ -355,7 +357,7 @@ class StepperLink:
                 room,
                 least,
                 State(min(state, State.TOUCHED)),
-                bool(known),
+                bool(knows_position),
                 fourth_limit=len(payload) > 13 and bool(payload[13] & FOURTH_LIMIT),
             )
             if self.welcome is None:
@@ -366,9 +368,19 @@ class StepperLink:
         return welcome
 
     def _status(self, token: int, payload: bytes, now: float) -> Status:
-        expected, state, room, alarm, known, inputs, taken, left, *position, holds, resumes = (
-            struct.unpack_from("<BBHBBBIh4iBB", payload)
-        )
+        (
+            expected,
+            state,
+            room,
+            alarm,
+            knows_position,
+            inputs,
+            taken,
+            left,
+            *position,
+            holds,
+            resumes,
+        ) = struct.unpack_from("<BBHBBBIh4iBB", payload)
         self._acknowledged(expected, state, room, now)
         if self._request is not None and self._request[0] == token:
             self._request = None
@@ -382,7 +394,7 @@ class StepperLink:
             token,
             self.state,
             reason,
-            bool(known),
+            bool(knows_position),
             inputs,
             taken,
             board_ms,
@@ -395,19 +407,19 @@ class StepperLink:
         """Remove the frames before ``expected``; ignore a number outside those in flight."""
         if state <= State.TOUCHED:
             self.state = State(state)
-        known = (expected - self._flying[0].sequence) % 256 if self._flying else 0
-        if known <= len(self._flying):
+        arrived = (expected - self._flying[0].sequence) % 256 if self._flying else 0
+        if arrived <= len(self._flying):
             self._room = room
-            for _ in range(known):
+            for _ in range(arrived):
                 done = self._flying.popleft()
                 self._promised_ms = done.promise_ms
                 self.confirmed_note = done.note or self.confirmed_note
                 self._moved_at = now
 
     def _send_again(self, now: float) -> None:
-        for each in self._flying:
-            self._out += each.encoded
-            self.resent += len(each.encoded)
+        for data in self._flying:
+            self._out += data.encoded
+            self.resent += len(data.encoded)
         self._moved_at = self._sent_again_at = now
 
     def _send_request(self, now: float) -> None:

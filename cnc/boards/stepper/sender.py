@@ -90,8 +90,8 @@ class LineTracker:
 
 def _first(lines: NDArray[np.int32]) -> int:
     """Return the first line that is not 0, else 0."""
-    known = lines[lines > 0]
-    return int(known[0]) if len(known) else 0
+    numbered = lines[lines > 0]
+    return int(numbered[0]) if len(numbered) else 0
 
 
 HORIZON_S = 0.11
@@ -180,7 +180,7 @@ class Sender:
     def send_gathered(self) -> None:
         """Send the moves gathered so far."""
         if self._gathered:
-            data, points, lines = (list(each) for each in zip(*self._gathered, strict=True))
+            data, points, lines = (list(parts) for parts in zip(*self._gathered, strict=True))
             self._gathered.clear()
             if self.cut:
                 self._encoder.flush()

@@ -449,10 +449,10 @@ class Supervisor(PulseSupervisor):
 
     def _at_line(self, error: BoardError) -> BoardError:
         """Return a fault with the last line that the board is known to have received."""
-        known = error.diagnostic
-        if known.line:
+        finding = error.diagnostic
+        if finding.line:
             return error
-        return type(error)(replace(known, line=self.connection.link.confirmed_note))
+        return type(error)(replace(finding, line=self.connection.link.confirmed_note))
 
     def _lost(self, error: BoardError) -> BoardError:
         """End the use of the board; its last report is the best estimate of the position."""

@@ -74,8 +74,10 @@ def main(arguments: list[str] | None = None) -> int:
     if unknown:
         parser.error(f"this firmware has no setting ${unknown[0]}")
     simulator = GrblSimulator(profile, settings=dict(chosen.setting))
-    for each in chosen.fault:
-        simulator.inject(each.fault, byte=each.byte, line=each.line, time=each.time)
+    for scheduled in chosen.fault:
+        simulator.inject(
+            scheduled.fault, byte=scheduled.byte, line=scheduled.line, time=scheduled.time
+        )
     with PtyServer(simulator, chosen.factor) as server:
         changed = ", ".join(setting_text(number, value) for number, value in chosen.setting)
         settings = f" with {changed}" if changed else ""

@@ -233,16 +233,16 @@ def _jog(core: Core, body: str) -> Answer:
         return 3
     try:
         axes = set(core.profile.axes)
-        found = sort_words(body[1:], core.profile.codes, core.profile.axes)
-        if not set(found.values) & axes and not set(found.commands) - JOG_COMMANDS:
+        words = sort_words(body[1:], core.profile.codes, core.profile.axes)
+        if not set(words.values) & axes and not set(words.commands) - JOG_COMMANDS:
             return 26
-        if not found.values.get("F"):
+        if not words.values.get("F"):
             return 22
         modes: Modes = replace(core.modes, motion="G1", feed_mode="G94")
         line = check_line(body[1:], modes, core.place)
-        if set(found.values) & set("ST"):
+        if set(words.values) & set("ST"):
             return 36
-        if set(found.commands) - JOG_COMMANDS or found.commands.get("other", "G53") != "G53":
+        if set(words.commands) - JOG_COMMANDS or words.commands.get("other", "G53") != "G53":
             return 16
     except Refused as refused:
         return refused.code

@@ -243,12 +243,12 @@ def settings_of(machine: Machine) -> dict[int, float]:
 
 def _homing(machine: Machine) -> dict[int, float]:
     """Return the settings of homing and limits: the lowest speeds and pull-off of the axes."""
-    downwards, each = 0, []
+    downwards, switched = 0, []
     for column, letter in enumerate(AXIS_LETTERS[: len(axes_of(machine))]):
         axis = machine.axes.get(letter)
         if axis is not None:
             homing = axis.homing or Homing()
-            each.append(homing)
+            switched.append(homing)
             low = (homing.end or ("high" if letter == "z" else "low")) == "low"
             downwards |= low << column
     return {
@@ -256,7 +256,7 @@ def _homing(machine: Machine) -> dict[int, float]:
         HARD_LIMITS: 1.0,
         HOMING: 1.0,
         HOMING_DIRECTION: float(downwards),
-        HOMING_FEED: per_minute(min(homing.latch for homing in each)),
-        HOMING_SEEK: per_minute(min(homing.seek for homing in each)),
-        PULL_OFF: min(homing.pull_off for homing in each),
+        HOMING_FEED: per_minute(min(homing.latch for homing in switched)),
+        HOMING_SEEK: per_minute(min(homing.seek for homing in switched)),
+        PULL_OFF: min(homing.pull_off for homing in switched),
     }

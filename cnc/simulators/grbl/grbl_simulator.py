@@ -1,4 +1,4 @@
-"""The simulated board: its parts, and the clock that advances them.
+"""The simulated board: its parts, real-time commands, faults on demand, and the clock.
 
 Nothing happens by itself. :meth:`GrblSimulator.advance` goes from event to event in the order of
 time. An event is one of

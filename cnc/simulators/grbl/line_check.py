@@ -11,11 +11,11 @@ import math
 import re
 from dataclasses import dataclass, field, replace
 
+from cnc.model.units import MM_PER_INCH
 from cnc.simulators.grbl.planner import Point
 
 # The words of a line: modal groups, the parser's modes, and the errors of single words.
 
-MM_PER_INCH = 25.4
 AXES = "XYZ"
 PLANES = {"G17": (0, 1, 2), "G18": (2, 0, 1), "G19": (1, 2, 0)}
 """First, second and normal axis."""
@@ -114,7 +114,7 @@ class SortedWords:
 
 def words(text: str) -> list[tuple[str, float]]:
     """Return letters and numbers of a line without spaces. Error 1: no letter; 2: no number."""
-    found: list[tuple[str, float]] = []
+    pairs: list[tuple[str, float]] = []
     at = 0
     while at < len(text):
         letter = text[at]
@@ -123,9 +123,9 @@ def words(text: str) -> list[tuple[str, float]]:
         number = NUMBER.match(text, at + 1)
         if number is None:
             raise Refused(2)
-        found.append((letter, float(number.group())))
+        pairs.append((letter, float(number.group())))
         at = number.end()
-    return found
+    return pairs
 
 
 OPTIONAL = frozenset(("M6", "M7"))
@@ -273,46 +273,46 @@ class ParserPosition:
 
 def check_line(text: str, modes: Modes, place: ParserPosition) -> CheckedLine:
     """Return the line with its effect; Refused if anything in it is wrong."""
-    found = sort_words(text, place.codes, place.axes)
-    number = found.use("N")
+    words = sort_words(text, place.codes, place.axes)
+    number = words.use("N")
     line = CheckedLine(modes, number=int(number or 0))
-    modes = _set_modes(line, found)
+    modes = _set_modes(line, words)
     scale = MM_PER_INCH if modes.units == "G20" else 1.0
-    _set_words(line, found, modes, scale, place)
-    other = found.commands.get("other", "")
+    _set_words(line, words, modes, scale, place)
+    other = words.commands.get("other", "")
     if other == "G4":
-        line.dwell = found.use("P")
+        line.dwell = words.use("P")
         if line.dwell is None:
             raise Refused(28)
-    if found.commands.get("length"):
-        _set_length(line, found.commands["length"])
-    action = _action(line, found.commands, modes)
+    if words.commands.get("length"):
+        _set_length(line, words.commands["length"])
+    action = _action(line, words.commands, modes)
     if other == "G53" and modes.motion not in ("G0", "G1"):
         raise Refused(30)
-    moves_by = action or ("G1" if found.commands.get("motion") == "G1" else "")
-    modes = _set_feed(line, modes, found.use("F"), scale, moves_by)
+    moves_by = action or ("G1" if words.commands.get("motion") == "G1" else "")
+    modes = _set_feed(line, modes, words.use("F"), scale, moves_by)
     after = replace(
         place, length=line.length_offset if line.length_offset is not None else place.length
     )
     line.target = _target(line, modes, after, machine=other == "G53")
     if action == "G10":
-        _store(line, found, modes, after)
+        _store(line, words, modes, after)
     elif action in ("G2", "G3"):
-        _arc(line, found, modes, place, scale)
+        _arc(line, words, modes, place, scale)
     else:
         _check_axes(line, action, place)
     for letter in "ST" if not action else place.axes + "ST":
-        found.use(letter)
-    if found.values:
+        words.use(letter)
+    if words.values:
         raise Refused(36)
     line.action, line.modes = action, modes
     return line
 
 
 def _set_words(
-    line: CheckedLine, found: SortedWords, modes: Modes, scale: float, place: ParserPosition
+    line: CheckedLine, words: SortedWords, modes: Modes, scale: float, place: ParserPosition
 ) -> None:
-    given = [found.values.get(axis) for axis in place.axes]
+    given = [words.values.get(axis) for axis in place.axes]
     line.axes = frozenset(index for index, value in enumerate(given) if value is not None)
     line.words = tuple(
         None if value is None else value * (1.0 if index in place.rotary else scale)
@@ -331,13 +331,13 @@ def _check_axes(line: CheckedLine, action: str, place: ParserPosition) -> None:
         raise Refused(33)
 
 
-def _set_modes(line: CheckedLine, found: SortedWords) -> Modes:
+def _set_modes(line: CheckedLine, words: SortedWords) -> Modes:
     """Return the modes after the line, except for the feed."""
-    commands, modes = found.commands, line.modes
+    commands, modes = words.commands, line.modes
     line.flow, line.coolant = commands.get("flow", ""), commands.get("coolant", "")
     line.select = commands.get("coordinates", "")
     line.changes_tool = "tool" in commands
-    line.sets_spindle = "spindle" in commands or found.values.get("S", modes.speed) != modes.speed
+    line.sets_spindle = "spindle" in commands or words.values.get("S", modes.speed) != modes.speed
     coolant = line.coolant
     return replace(
         modes,
@@ -350,8 +350,8 @@ def _set_modes(line: CheckedLine, found: SortedWords) -> Modes:
         spindle=commands.get("spindle", modes.spindle),
         flood=coolant == "M8" or (modes.flood and coolant != "M9"),
         mist=coolant == "M7" or (modes.mist and coolant != "M9"),
-        tool=int(found.values.get("T", modes.tool)),
-        speed=found.values.get("S", modes.speed),
+        tool=int(words.values.get("T", modes.tool)),
+        speed=words.values.get("S", modes.speed),
     )
 
 
@@ -417,16 +417,16 @@ def _target(line: CheckedLine, modes: Modes, place: ParserPosition, machine: boo
     return tuple(target)
 
 
-def _store(line: CheckedLine, found: SortedWords, modes: Modes, place: ParserPosition) -> None:
+def _store(line: CheckedLine, words: SortedWords, modes: Modes, place: ParserPosition) -> None:
     """Set the system (P0: the present one) and values that G10 L2 or L20 stores."""
     if not line.axes:
         raise Refused(26)
-    how, system = found.use("L"), found.use("P")
+    how, system = words.use("L"), words.use("P")
     if how is None and system is None:
         raise Refused(28)
     # GRBL 1.1h accepts one of them alone; the other is 0 then
     system = system or 0.0
-    if how not in (2, 20) or "R" in found.values:
+    if how not in (2, 20) or "R" in words.values:
         raise Refused(20)
     if system >= 7.0:
         raise Refused(29)
@@ -441,7 +441,7 @@ def _store(line: CheckedLine, found: SortedWords, modes: Modes, place: ParserPos
 
 
 def _arc(
-    line: CheckedLine, found: SortedWords, modes: Modes, place: ParserPosition, scale: float
+    line: CheckedLine, words: SortedWords, modes: Modes, place: ParserPosition, scale: float
 ) -> None:
     """Set the centre of G2 or G3 from the start. Errors 26, 32 to 35."""
     if not line.axes:
@@ -452,17 +452,17 @@ def _arc(
     line.clockwise = modes.motion == "G2"
     start, end = place.position, line.target
     x, y = end[first] - start[first], end[second] - start[second]
-    radius = found.use("R")
+    radius = words.use("R")
     if radius is not None:
         if line.target == place.position:
             raise Refused(33)
         line.center = _center_of_radius(x, y, radius * scale, line.clockwise)
         return
-    i, j = found.values.get("IJK"[first]), found.values.get("IJK"[second])
+    i, j = words.values.get("IJK"[first]), words.values.get("IJK"[second])
     if i is None and j is None:
         raise Refused(35)
-    found.use("IJK"[first])
-    found.use("IJK"[second])
+    words.use("IJK"[first])
+    words.use("IJK"[second])
     i, j = (i or 0.0) * scale, (j or 0.0) * scale
     of_start, of_end = math.hypot(i, j), math.hypot(x - i, y - j)
     wrong = abs(of_end - of_start)

@@ -150,8 +150,8 @@ def within_travel(core: Core, target: Point) -> bool:
     """
     hal = core.profile.name == "grblhal"
     off = core.setting[27] if hal and core.setting[21] else 0.0
-    each = list(zip(target, core.per_axis(TRAVELS), strict=True))[: 3 if hal else None]
-    return all(off - travel <= value <= -off for value, travel in each)
+    places = list(zip(target, core.per_axis(TRAVELS), strict=True))[: 3 if hal else None]
+    return all(off - travel <= value <= -off for value, travel in places)
 
 
 def _soft_limit(core: Core) -> Program:

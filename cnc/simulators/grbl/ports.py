@@ -1,8 +1,9 @@
-"""The host's end of the simulator's cable in the same process, and its clocks.
+"""Ports of the simulator: in this process, and at a pseudo-terminal.
 
-It is a :class:`cnc.boards.port.Port`. In virtual time a read advances the simulator's clock to the
-next answer, or by the timeout; nothing sleeps. With the real clock, the simulator is advanced
-whenever the host reads, writes or asks, ``factor`` times as fast as real time.
+The host's end of the cable is a :class:`cnc.boards.port.Port`. In virtual time a read advances the
+simulator's clock to the next answer, or by the timeout; nothing sleeps. With the real clock, the
+simulator is advanced whenever the host reads, writes or asks, ``factor`` times as fast as real
+time.
 """
 
 from __future__ import annotations
@@ -10,18 +11,16 @@ from __future__ import annotations
 import contextlib
 import os
 import select
+import sys
 import threading
 import time
-from collections.abc import Sequence
-from pathlib import Path
 
-from cnc.boards.grbl.driver import GrblBoard
-from cnc.boards.grbl.line_stream import LineStream
 from cnc.boards.port import port_lost
-from cnc.boards.protocols import BoardTraits
-from cnc.machine.models import Machine
-from cnc.simulators.grbl.firmware_profile import profile_of, settings_of
 from cnc.simulators.grbl.grbl_simulator import BOOT_TIME, GrblSimulator
+
+if sys.platform != "win32":
+    import termios
+    import tty
 
 NAME = "the GRBL simulator"
 
@@ -162,50 +161,6 @@ class GrblSimulatorPort:
             raise port_lost(NAME, "device disconnected")
 
 
-# The board ``grbl-sim``: the GRBL driver on the GRBL simulator, in virtual time.
-
-PAUSE = 0.02
-"""Real seconds for the operator between two steps of virtual time while the run is held."""
-
-
-class SimulatorStream(LineStream):
-    """A stream of lines that leaves the operator real time while the run is held."""
-
-    def serve(self, timeout: float, *, poll: float | None = None) -> None:
-        """Receive, after a short real pause while the run is held; see LineStream."""
-        if self.held:
-            time.sleep(PAUSE)
-        super().serve(timeout, poll=poll)
-
-
-class GrblSimulatorBoard(GrblBoard):
-    """A simulated board with the axes of a machine file, at machine zero."""
-
-    traits = BoardTraits(has_port=False, simulated=True, has_settings=True)
-    stream_type = SimulatorStream
-    simulator: GrblSimulator
-
-    @classmethod
-    def from_machine(cls, machine: Machine, target: Path | None = None) -> GrblSimulatorBoard:
-        """Return a new connected board."""
-        simulator = GrblSimulator(profile_of(machine), settings=settings_of(machine))
-        return cls._connected(machine, GrblSimulatorPort(simulator))
-
-    @classmethod
-    def for_operator(cls, machine: Machine, start: Sequence[float]) -> GrblSimulatorBoard:
-        """Return a new connected board, whose clock is that of the computer."""
-        simulator = GrblSimulator(profile_of(machine), settings=settings_of(machine))
-        port = GrblSimulatorPort(simulator, ScaledTime(simulator), boot_time=0.0)
-        return cls._connected(machine, port)
-
-    @classmethod
-    def _connected(cls, machine: Machine, port: GrblSimulatorPort) -> GrblSimulatorBoard:
-        board = cls(port, machine, port.clock, NAME)
-        board.simulator = port.simulator
-        board.connect()
-        return board
-
-
 # The GRBL simulator at a pseudo-terminal, which any sender can open as a serial port (Unix only).
 #
 # A thread advances the simulator with the real clock. A pseudo-terminal has no modem lines, so DTR
@@ -233,9 +188,6 @@ class PtyServer:
     """
 
     def __init__(self, simulator: GrblSimulator, factor: float = 1.0) -> None:
-        import termios
-        import tty
-
         self.simulator = simulator
         self._clock = ScaledTime(simulator, factor)
         self._ours, theirs = os.openpty()
@@ -296,8 +248,6 @@ class PtyServer:
 
     def _hangs_up(self) -> bool:
         """Return whether closing drops DTR, by the settings of the terminal, which remain."""
-        import termios
-
         return bool(termios.tcgetattr(self._ours)[CFLAG] & termios.HUPCL)
 
     def _receive(self) -> bytes:

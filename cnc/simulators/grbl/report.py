@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from cnc.model.units import MM_PER_INCH
 from cnc.simulators.grbl.core import SYSTEMS, Core, setting_text
-from cnc.simulators.grbl.line_check import MM_PER_INCH
 from cnc.simulators.grbl.planner import Point
 
 MOVING = ("Run", "Hold", "Jog", "Home", "Door")

@@ -82,11 +82,11 @@ class Box:
         beside = math.hypot(max(beside_x, 0.0), max(beside_y, 0.0))
         if beside == 0.0:
             beside = max(beside_x, beside_y)
-        found = max(beside - radius, pz - self.top)
+        distance = max(beside - radius, pz - self.top)
         for hole in self.holes:
             room = hole.radius - radius - math.hypot(px - hole.x, py - hole.y)
-            found = max(found, room)
-        return found
+            distance = max(distance, room)
+        return distance
 
 
 @dataclass(slots=True)
@@ -103,7 +103,7 @@ class Workpiece:
 
     def distance(self, position: Point) -> float:
         """Return a lower bound of the distance of the pin from the workpiece, mm."""
-        return min(each.distance(position, self.radius) for each in self.solids)
+        return min(solid.distance(position, self.radius) for solid in self.solids)
 
     def contact(self, move: Move, towards: bool) -> float | None:
         """Return the path length at which the pin touches (or lets go); None without."""

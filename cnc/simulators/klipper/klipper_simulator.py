@@ -18,7 +18,15 @@ from numpy.typing import NDArray
 
 from cnc.boards.klipper.firmware import FIRMWARES, Firmware
 from cnc.boards.klipper.protocol import SEQUENCE, BlockReader, RemoteError, block_bytes
-from cnc.simulators.klipper.commands import EndLevel, Level, Motor, Output, Switch, Trigger
+from cnc.simulators.klipper.commands import (
+    Commands,
+    EndLevel,
+    Level,
+    Motor,
+    Output,
+    Switch,
+    Trigger,
+)
 from cnc.simulators.klipper.devices import DriverModel, UartModel
 
 # The cable: bytes take time, and may be damaged, lost or doubled.
@@ -159,8 +167,6 @@ class KlipperSimulator:
         start_clock: int = 0,
         seed: int = 0,
     ) -> None:
-        from cnc.simulators.klipper.commands import Commands
-
         self.firmware = firmware
         self.frequency = firmware.frequency * (1.0 + drift)
         self.now = 0.0

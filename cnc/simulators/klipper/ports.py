@@ -1,4 +1,4 @@
-"""The host's end of the simulator's cable in the same process, and its clock.
+"""Ports of the simulator: in this process, the board ``klipper-sim``, and at a pseudo-terminal.
 
 In virtual time a read advances the time to the next answer, or by the timeout; nothing sleeps. In
 real time the simulator is advanced whenever the host reads, writes or asks for the time.
@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import os
 import select
+import sys
 import threading
 import time
 from collections.abc import Sequence
@@ -26,6 +27,9 @@ from cnc.machine.models import Machine
 from cnc.simulators.klipper.devices import DriverModel, UartModel
 from cnc.simulators.klipper.ends import add_ends
 from cnc.simulators.klipper.klipper_simulator import KlipperSimulator
+
+if sys.platform != "win32":
+    import tty
 
 NAME = "the Klipper simulator"
 UNPLUGGED, VANISHED = "the cable was pulled", "the device was reset"
@@ -221,8 +225,6 @@ class PtyServer:
     """
 
     def __init__(self, simulator: KlipperSimulator) -> None:
-        import tty
-
         self.simulator = simulator
         self.lock = threading.Lock()
         self._ours, self._theirs = os.openpty()

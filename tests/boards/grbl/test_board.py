@@ -12,9 +12,9 @@ from cnc.model.blocks import Dwell
 from cnc.model.diagnostics import BoardError
 from cnc.model.operator_control import Control
 from cnc.model.streams import GcodeLine, PackedLines
+from cnc.simulators.grbl.board import GrblSimulatorBoard
 from cnc.simulators.grbl.firmware_profile import FLUIDNC, GRBLHAL
 from cnc.simulators.grbl.grbl_simulator import Alarm, GrblSimulator, Unplug
-from cnc.simulators.grbl.ports import GrblSimulatorBoard
 from tests.support.boards.grbl_rig import MACHINE, connected, fails, started
 from tests.support.boards.line_board_conformance import ORIGIN, PREAMBLE, LineBoardConformance, feed
 from tests.support.boards.line_reader import lines_with_effects

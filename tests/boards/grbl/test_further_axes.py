@@ -16,9 +16,10 @@ from cnc.machine.load import load_machine
 from cnc.machine.models import Axis, Machine
 from cnc.model.diagnostics import BoardError
 from cnc.session.program_reader import InlineProgram
+from cnc.simulators.grbl.board import GrblSimulatorBoard
 from cnc.simulators.grbl.firmware_profile import GRBL, GRBLHAL
 from cnc.simulators.grbl.grbl_simulator import GrblSimulator
-from cnc.simulators.grbl.ports import NAME, GrblSimulatorBoard, GrblSimulatorPort
+from cnc.simulators.grbl.ports import NAME, GrblSimulatorPort
 from cnc.simulators.grbl.report import status_report
 from cnc.simulators.grbl.workpiece import HalfSpace, Workpiece
 from tests.support.boards.simulator_bench import HOMING, Bench

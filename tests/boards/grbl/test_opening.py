@@ -186,7 +186,7 @@ def test_a_board_is_identified_by_serial_number_or_port(
     link.symlink_to(device)
 
     def numbered(number: str | None) -> None:
-        found = [SimpleNamespace(device=str(device), serial_number=number)]
+        found = [SimpleNamespace(device=str(device), description="", serial_number=number)]
         monkeypatch.setattr("serial.tools.list_ports.comports", lambda: found)
 
     numbered("7543")
@@ -197,7 +197,7 @@ def test_a_board_is_identified_by_serial_number_or_port(
 
 
 def test_windows_does_not_distinguish_capitals(monkeypatch: pytest.MonkeyPatch) -> None:
-    found = [SimpleNamespace(device="COM3", serial_number="7543")]
+    found = [SimpleNamespace(device="COM3", description="", serial_number="7543")]
     monkeypatch.setattr("serial.tools.list_ports.comports", lambda: found)
     monkeypatch.setattr("os.path.normcase", str.lower)
     assert identity("com3") == identity("COM3") == "usb 7543"
