@@ -20,6 +20,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -37,9 +38,7 @@ from cnc.planner.joints import Joints
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
 from cnc.report.result import Report
-from cnc.session import homing
 from cnc.session.context import Callbacks
-from cnc.session.homing import AxisHoming, Squared
 from cnc.session.kernel_cache import ensure_compiled
 from cnc.session.kernel_needs import moving_jobs
 from cnc.session.options import Outputs, RunOptions
@@ -48,6 +47,9 @@ from cnc.session.position_check import home_by_board
 from cnc.session.program_reader import start_position
 from cnc.session.run_pulses import Progress
 from cnc.session.session import Session
+
+if TYPE_CHECKING:
+    from cnc.session.homing import AxisHoming, Squared
 
 __all__ = [
     "Block",
@@ -268,6 +270,8 @@ def home(
             seen.on_progress("running", 0, None)
         if seen.on_sent is not None:
             seen.on_sent(progress)
+
+    from cnc.session import homing  # a check does not need it
 
     try:
         if opened.takes == "lines":

@@ -15,7 +15,6 @@ from typing import TextIO
 
 from cnc import api
 from cnc.batch.pool import check_many
-from cnc.checks.baseline import Baseline, change_lines
 from cnc.checks.tool_list import ToolList
 from cnc.cli.options import CheckFormat, CheckOptions, CommonOptions
 from cnc.cli.progress import ProgressDisplay, print_compiling
@@ -58,7 +57,11 @@ def check_programs(
     files = find_programs(names)
     listed = len(files) != 1 or names != files
     stream = common.summary_file if format == "text" else sys.stderr
-    before = None if baseline is None else Baseline(baseline)
+    before = None
+    if baseline is not None:
+        from cnc.checks.baseline import Baseline, change_lines
+
+        before = Baseline(baseline)
     reports = (
         check_listed(files, common, options, stream)
         if listed or options.scheduler

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from cnc.grbl_lines.board_limits import BoardLimits
 from cnc.grbl_lines.grbl_timing import BoardTime
 from cnc.grbl_lines.number_format import board_axes
-from cnc.grbl_lines.translator import Translator
 from cnc.grbl_lines.writer import LoweredFeeds
 from cnc.machine.models import Machine
 from cnc.model.blocks import AXIS_LETTERS, AxisLetter, Block, PathMode
@@ -86,6 +85,8 @@ class LineProgram:
             for letter in self._letters
             if letter in self.extent and self.extent[letter][0] < self.extent[letter][1]
         )
+        from cnc.grbl_lines.translator import Translator  # a check does not need it
+
         translator = Translator(machine, work_offset=self.work_offset, moving=moving)
         self.lowered = translator.lowered
         for item in exact_path(blocks, axes=machine.axis_names, start=self.start):

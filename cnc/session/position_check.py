@@ -40,10 +40,8 @@ from cnc.model.operator_control import Control
 from cnc.model.state_file import folder, read_state
 from cnc.model.streams import GcodeLine
 from cnc.planner.joints import Joints
-from cnc.session import homing
 from cnc.session.checkpoint import Checkpoint, replace_json
 from cnc.session.context import SessionContext
-from cnc.session.homing import homed_steps, homing_sequence
 
 log = logging.getLogger(__name__)
 
@@ -334,6 +332,8 @@ def home_by_board(
     Raises:
         BoardError, UsageError, HomingStopped: As :func:`cnc.session.homing.home_by_board`.
     """
+    from cnc.session import homing  # a check does not need it
+
     recall_shift(board, machine)
     check = PositionCheck(board, machine, None, trusted=False)
     check.lost_until(homing.HOME_LINE)
@@ -366,8 +366,10 @@ def home_line_board(context: SessionContext, board: LineSink) -> None:
 
 def homing_line(blocks: Iterable[Block]) -> int:
     """Return the line that homes all axes before the first move of a program, 0 for none."""
+    from cnc.session.homing import HOME  # a check does not need it
+
     for block in blocks:
-        if isinstance(block, BoardCommand) and block.text.replace(" ", "").upper() == homing.HOME:
+        if isinstance(block, BoardCommand) and block.text.replace(" ", "").upper() == HOME:
             return block.line
         if isinstance(block, Polyline | ArcFeed | NurbsFeed | Probe):
             return 0
@@ -390,6 +392,8 @@ def locate(context: SessionContext, board: PulseSink) -> None:
         BoardError: ``not-homed`` if the board has lost a position that homing can find, or
             ``singular-pose`` where the machine stands.
     """
+    from cnc.session.homing import homed_steps, homing_sequence  # a check does not need it
+
     reader, machine = context.reader, context.reader.machine
     counted, joints = board.known_steps, Joints(machine)
     if counted is None:

@@ -41,7 +41,6 @@ from cnc.session.context import (
     StoppedBeforeMotion,
     check_outputs,
 )
-from cnc.session.homing import home_pulse_board
 from cnc.session.kernel_needs import KernelNeeds
 from cnc.session.options import RunOptions
 from cnc.session.pipeline import PathItems, PlannedMotion
@@ -75,7 +74,6 @@ from cnc.session.required_capabilities import (
     reading_policy,
     refuse_lines,
 )
-from cnc.session.run_lines import LinePass
 from cnc.stock.stl import write_stl
 
 # Records of a run on a machine: its checkpoint, and the position check of a GRBL board.
@@ -501,6 +499,8 @@ class Session:
 
         try:
             if board is not None and board.takes == "lines":
+                from cnc.session.run_lines import LinePass  # a check does not need it
+
                 lines = LinePass(
                     context, motion, board, self._warn, depends_on_answers=depends_on_answers
                 )
@@ -542,6 +542,8 @@ class Session:
             BoardError, HomingStopped: As :func:`cnc.session.homing.home`.
         """
         if self._context.options.home and board.takes == "pulses":
+            from cnc.session.homing import home_pulse_board  # a check does not need it
+
             home_pulse_board(self._context, board)
         record.begin(board)
         log.info("motion begins")

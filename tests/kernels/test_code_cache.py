@@ -20,11 +20,11 @@ Place = Callable[[str, float], Path]
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Place:
     """Return a function that makes a folder of compiled code, last written some seconds ago.
 
-    The kernels are one file, ``path/curve.py``.
+    The kernels are one file, ``path/kernels/curve.py``.
     """
-    sources, cache = tmp_path / "kernels", tmp_path / "compiled"
-    (sources / "path").mkdir(parents=True)
-    (sources / "path" / "curve.py").write_text("one")
+    sources, cache = tmp_path / "sources", tmp_path / "compiled"
+    (sources / "path" / "kernels").mkdir(parents=True)
+    (sources / "path" / "kernels" / "curve.py").write_text("one")
     monkeypatch.setattr(code_cache, "_SOURCES", sources)
     monkeypatch.setattr(code_cache, "cache_folder", lambda: cache)
     monkeypatch.setattr(code_cache, "_is_ours", True)
@@ -47,9 +47,11 @@ def remove() -> None:
 
 
 def test_code_of_an_earlier_text_is_removed(place: Place, tmp_path: Path) -> None:
-    current = place(code_cache.folder_name(tmp_path / "kernels" / "path" / "curve.py"), 2 * HOUR)
-    earlier = place(f"path.curve-{code_cache._TAG}-0123456789abcdef", 2 * HOUR)
-    renamed = place(f"path.bend-{code_cache._TAG}-0123456789abcdef", 2 * HOUR)
+    current = place(
+        code_cache.folder_name(tmp_path / "sources" / "path" / "kernels" / "curve.py"), 2 * HOUR
+    )
+    earlier = place(f"path.kernels.curve-{code_cache._TAG}-0123456789abcdef", 2 * HOUR)
+    renamed = place(f"path.kernels.bend-{code_cache._TAG}-0123456789abcdef", 2 * HOUR)
     without_tag = place("curve-0123456789abcdef", 2 * HOUR)
     remove()
     assert current.exists()
@@ -71,9 +73,9 @@ def test_the_cache_of_an_installation_that_is_read_only(
 ) -> None:
     (tmp_path / "home").mkdir()
     (tmp_path / "temporary").mkdir()
-    (tmp_path / "kernels").mkdir()
-    (tmp_path / "kernels" / "__pycache__").touch()
-    monkeypatch.setattr(code_cache, "_SOURCES", tmp_path / "kernels")
+    (tmp_path / "installed").mkdir()
+    (tmp_path / "installed" / "__pycache__").touch()
+    monkeypatch.setattr(code_cache, "_HERE", tmp_path / "installed")
     monkeypatch.setattr(code_cache, "_is_ours", True)
     monkeypatch.setattr(code_cache.tempfile, "tempdir", str(tmp_path / "temporary"))
     monkeypatch.setenv("HOME", str(tmp_path / home))
@@ -86,10 +88,10 @@ def test_the_cache_of_an_installation_that_is_read_only(
 
 
 def test_code_that_another_process_may_use_stays(place: Place) -> None:
-    recent = place(f"path.curve-{code_cache._TAG}-0123456789abcdef", 0.5 * HOUR)
-    other_python = place("path.curve-cpython-399-0123456789abcdef", 2 * HOUR)
+    recent = place(f"path.kernels.curve-{code_cache._TAG}-0123456789abcdef", 0.5 * HOUR)
+    other_python = place("path.kernels.curve-cpython-399-0123456789abcdef", 2 * HOUR)
     # The folder is old, but code was written into it just now.
-    in_use = place(f"path.curve-{code_cache._TAG}-fedcba9876543210", 2 * HOUR)
+    in_use = place(f"path.kernels.curve-{code_cache._TAG}-fedcba9876543210", 2 * HOUR)
     (in_use / "inner" / "more.nbc").touch()
     remove()
     assert recent.exists()
@@ -100,14 +102,14 @@ def test_code_that_another_process_may_use_stays(place: Place) -> None:
 def test_nothing_is_removed_from_a_folder_that_the_user_has_named(
     place: Place, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    earlier = place(f"path.curve-{code_cache._TAG}-0123456789abcdef", 2 * HOUR)
+    earlier = place(f"path.kernels.curve-{code_cache._TAG}-0123456789abcdef", 2 * HOUR)
     monkeypatch.setattr(code_cache, "_is_ours", False)
     remove()
     assert earlier.exists()
 
 
 def test_two_processes_may_remove_at_once(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
-    folders = [place(f"path.curve-{code_cache._TAG}-{k:016x}", 2 * HOUR) for k in range(3)]
+    folders = [place(f"path.kernels.curve-{code_cache._TAG}-{k:016x}", 2 * HOUR) for k in range(3)]
     last_written = code_cache._last_written
 
     def after_the_other(folder: Path) -> float:
@@ -125,7 +127,7 @@ def test_two_processes_may_remove_at_once(place: Place, monkeypatch: pytest.Monk
 def test_compiled_code_depends_on_the_file_and_its_imports(tmp_path, monkeypatch):
     # A called kernel may change without a change of the file of its caller.
     texts = {
-        "caller.py": "from cnc.compiled.deep.callee import f",
+        "caller.py": "from cnc.deep.callee import f",
         "deep/callee.py": "one",
         "other.py": "other",
     }
