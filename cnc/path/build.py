@@ -41,11 +41,7 @@ from cnc.path.block_pieces import Frame, Gatherer, moves_of, pieces_of
 from cnc.path.chunk import PathChunk
 from cnc.path.fit import LEAST_TOLERANCE, Alternatives, Fitted, Fitter
 from cnc.path.fit_curves import arc_of, nurbs_chords
-from cnc.path.records import (
-    Floats,
-    axis_classes,
-    moving,
-)
+from cnc.path.records import Floats, axis_classes, moving
 
 # Times that the blocks of a path are to take under inverse time feed (G93).
 #

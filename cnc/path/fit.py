@@ -1,7 +1,7 @@
 """Smooth splines within the tolerance for chains of moves under G64.
 
-    moves ──► chains: feed moves that the same axes measure ──► windows
-          ──► spline (cnc.path.kernels.fit) ──► records (cnc.path.kernels.fit_pieces)
+    moves ──► chains: feed moves that the same axes measure ──► windows ──► corners, where faster
+          ──► the smoothest spline, proved to be within the tolerance ──► records
 
 Arcs and NURBS are members too, as chords (:mod:`cnc.path.fit_curves`). An arc waits until it is
 known what follows. At a corner, at the end of a chain and in the middle of a long arc it is exact.
@@ -245,10 +245,10 @@ def spline_pieces(
 #
 # Where moves are short, a spline goes round turns that are no corners of the chain. Whether it is
 # faster there than a motion that passes the turns one by one depends on the limits of the machine.
-# So both are offered to the reader of the path, which answers before it asks for more
-# (cnc.planner.lookahead). A corner between a spline and a move is a stop, too.
-# Elsewhere the spline is faster: in parts with many moves, with small turns alone, or with moves of
-# many tolerances beside each sharp turn.
+# So both are offered to the consumer of the path, which answers before it asks for more
+# (cnc.planner.lookahead). A corner between a spline and a move is a stop, too. Elsewhere the spline
+# is faster: in parts with many moves, with small turns alone, or with moves of many tolerances
+# beside each sharp turn.
 #
 # With the spline alone, 100 polygons with legs of 3 to 24 tolerances take 1.057 times as long in
 # the median (limits along the path). Of 800 random walks the worst takes 2.98 times as long.

@@ -1,7 +1,6 @@
 """Records of pieces, as :mod:`cnc.path.kernels.curve` reads them, from end points, arcs and NURBS.
 
-A :class:`Records` is a run of pieces that follow each other. The streaming builder and the classes
-of the Curve protocol both make their records here.
+A :class:`Records` is a run of pieces that follow each other.
 """
 
 from __future__ import annotations

@@ -87,7 +87,7 @@ class Audit:
         self._legal = np.zeros(len(self._limits))
         self._steep = np.zeros(len(self._limits))
         self._index = 0
-        self._known = 0
+        self._kept = 0
         self._last = np.zeros((5, n))
 
     @property
@@ -151,7 +151,7 @@ class Audit:
 
     def jump(self) -> None:
         """Note that the next plan begins at rest at another place: a probe made contact there."""
-        self._known = 0
+        self._kept = 0
 
     def check(self, chunk: PlanChunk) -> None:
         """Check one plan.
@@ -206,7 +206,7 @@ class Audit:
         """Go on from the state of another audit of the same machine."""
         self.violations = dict(other.violations)
         self._largest, self._legal, self._steep = other._largest, other._legal, other._steep
-        self._index, self._known, self._last = other._index, other._known, other._last.copy()
+        self._index, self._kept, self._last = other._index, other._kept, other._last.copy()
 
     def _continuity(self, chunk: PlanChunk) -> list[tuple[str, str]]:
         """Compare the end of each phase with the start of the next."""
@@ -249,15 +249,15 @@ class Audit:
         # Before this plan the machine rests at its start: three instants are as good as more.
         standing = ceil(chunk.t0 / limits.period) - 3
         if standing > self._index:
-            self._index, self._known = standing, 0
-        self._index, self._known = audit_samples(
+            self._index, self._kept = standing, 0
+        self._index, self._kept = audit_samples(
             pieces,
             plan,
             chunk.t0,
             limits.period,
             limits.chord_error,
             self._index,
-            self._known,
+            self._kept,
             self._last,
             largest,
         )

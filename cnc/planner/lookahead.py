@@ -1,5 +1,7 @@
 """Look-ahead: plans for a stream of path, in one pass and with a window of bounded length.
 
+The faster of two paths along the same moves is chosen before (:func:`with_faster_paths`).
+
     path ──► blends ──► window ──► motions past corners, audit ──► plans
            (corners.py)   ^      (corner_motions.py, audit.py)
                           |
@@ -567,20 +569,21 @@ def with_faster_paths(
 
     Corners have the treatment that they have without a choice, which takes half the computing time.
     """
+    joints = Joints(machine)
     for item in path:
         if isinstance(item, Alternatives):
-            times = _motion_time(item.spline, machine), _motion_time(item.corners, machine)
-            item.answer.values = (float(times[1] < FASTER * times[0]),)
+            spline = _motion_time(item.spline, machine, joints)
+            corners = _motion_time(item.corners, machine, joints)
+            item.answer.values = (float(corners < FASTER * spline),)
         else:
             yield item
 
 
-def _motion_time(path: PathChunk, machine: Machine) -> float:
+def _motion_time(path: PathChunk, machine: Machine, joints: Joints) -> float:
     """Return the time of the motion along a path from rest to rest, s; infinite without one."""
     start = path.data[path.at[0] + START :][: len(path.axes)]
-    with_joints = Joints(machine).path(iter((path,)), start)
     try:
-        plans = list(LookAhead(machine, chooses=False).plan(with_joints))
+        plans = list(LookAhead(machine, chooses=False).plan(joints.path(iter((path,)), start)))
     except MotionLimitError:
         return inf
     return sum(plan.duration for plan in plans if isinstance(plan, PlanChunk))

@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 
 from cnc.papers import half_step, page
-from cnc.papers import half_step as paper
-from cnc.papers import half_step as point_by_point
 
 
 @pytest.fixture(scope="module")
 def section():
-    return paper.section()
+    return half_step.section()
 
 
 def test_steps_and_radii_of_the_circle(section):
@@ -29,7 +27,7 @@ def test_no_radius_is_worse(section):
     for name, row in rows.items():
         assert max(float(cell) for cell in row[2:4]) <= (0.5 if name == "half-step" else 1.0)
         assert row[4] == pytest.approx(
-            (4 * np.sqrt(2) if name == "half-step" else 8) * paper.LARGE, rel=1e-4
+            (4 * np.sqrt(2) if name == "half-step" else 8) * half_step.LARGE, rel=1e-4
         )
 
 
@@ -65,15 +63,15 @@ def test_a_line_in_space():
 
 @pytest.mark.parametrize("wrong", [[0, 0], [0.5, 1], [2**28, 1], [[1, 2]]])
 def test_ends_that_are_no_grid_points_are_refused(wrong):
-    for line in (half_step.half_step_line, point_by_point.point_by_point_line):
+    for line in (half_step.half_step_line, half_step.point_by_point_line):
         with pytest.raises(ValueError):
             line(wrong)
     with pytest.raises(ValueError):
-        point_by_point.point_by_point_line([1, 2, 3])
+        half_step.point_by_point_line([1, 2, 3])
 
 
 @pytest.mark.parametrize("wrong", [0, -1, 2**28])
 def test_radii_that_are_none_are_refused(wrong):
-    for circle in (half_step.half_step_circle, point_by_point.point_by_point_circle):
+    for circle in (half_step.half_step_circle, half_step.point_by_point_circle):
         with pytest.raises(ValueError):
             circle(wrong)
