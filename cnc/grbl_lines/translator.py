@@ -300,7 +300,7 @@ class Translator:
     Args:
         machine: The machine file.
         tolerance: Largest distance of the lines from the program, mm; None for ``path.tolerance``
-            of the machine. The path is that of :func:`~cnc.grbl_lines.line_program.exact_path`.
+            of the machine. The path is that of :func:`~cnc.path.build.exact_path`.
         work_offset: See the head of this module; None for none.
         arc_tolerance: The board's $12, mm: largest distance of its chords from an arc.
         junction_deviation: The board's $11, mm.

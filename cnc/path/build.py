@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -123,6 +124,39 @@ def build(
     for block in blocks:
         yield from builder.add(block)
     yield from builder.rest()
+
+
+# The path of a program for a board with a planner of its own.
+#
+# Such a board rounds corners by itself (GRBL by its junction deviation $11). So the path is exact,
+# also under G64: the tolerance is left to the lines and arcs that replace it. Exact stop (G61.1)
+# stays: the motion rests at the end of each move.
+
+
+def exact_path(
+    blocks: Iterable[Block],
+    *,
+    axes: tuple[str, ...],
+    start: Floats,
+    accuracy: float = 1e-12,
+) -> Iterator[PathChunk | Block]:
+    """Yield the path of ``blocks`` without blends, see :func:`build`.
+
+    Args:
+        blocks: The program.
+        axes: Letters of the machine's axes.
+        start: Start position (axes,), mm.
+        accuracy: Accuracy of the path, mm.
+    """
+    return build(_without_blends(blocks), axes=axes, start=start, accuracy=accuracy)
+
+
+def _without_blends(blocks: Iterable[Block]) -> Iterator[Block]:
+    for block in blocks:
+        if isinstance(block, PathMode) and block.control == "blend":
+            yield replace(block, control="exact-path", tolerance=0.0)
+        else:
+            yield block
 
 
 class _Builder:

@@ -11,7 +11,6 @@ from cnc.checks.hints import Hints
 from cnc.checks.tool_list import ToolList
 from cnc.checks.travel import TravelCheck
 from cnc.gcode.reader.source_text import Text
-from cnc.grbl_lines.line_program import exact_path
 from cnc.machine.models import Stock
 from cnc.model.blocks import (
     ArcFeed,
@@ -26,6 +25,7 @@ from cnc.model.blocks import (
 from cnc.model.diagnostics import CncError
 from cnc.model.motion_commands import places_of
 from cnc.model.units import MM_PER_INCH
+from cnc.path.build import exact_path
 from cnc.path.chunk import PathChunk
 from cnc.report.blocks import BlockWriter
 from cnc.session.context import SessionContext, Stopwatch

@@ -11,12 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.checks.travel import BlockTimes, TravelCheck
-from cnc.grbl_lines.line_program import exact_path
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block
 from cnc.model.diagnostics import Diagnostic, MotionLimitError
 from cnc.model.streams import SampleChunk
-from cnc.path.build import DueTimes, build
+from cnc.path.build import DueTimes, build, exact_path
 from cnc.path.chunk import PathChunk
 from cnc.planner.joints import Joints
 from cnc.planner.lookahead import LookAhead, with_faster_paths

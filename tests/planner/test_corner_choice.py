@@ -29,7 +29,7 @@ def with_blends(monkeypatch, points, mill, feed):
         patch.setattr(
             lookahead,
             "passed_together",
-            lambda path, rests, limits, known: np.zeros(len(path), np.bool_),
+            lambda path, rests, limits, solutions: np.zeros(len(path), np.bool_),
         )
         return planned(points, EPS, mill, feed)[0]
 

@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 from cnc.api import parse, start_position
 from cnc.grbl_lines.board_limits import BoardLimits
 from cnc.grbl_lines.grbl_timing import SHORT_LINE_TIME, BoardTime, Countdown
-from cnc.grbl_lines.line_program import exact_path
 from cnc.grbl_lines.translator import Translator
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
 from cnc.model.streams import PackedLines
+from cnc.path.build import exact_path
 from cnc.simulators.grbl.firmware_profile import settings_of
 from cnc.simulators.grbl.grbl_simulator import GrblSimulator
 from cnc.simulators.grbl.ports import GrblSimulatorPort

@@ -10,12 +10,11 @@ from hypothesis import strategies as st
 from cnc.api import start_position
 from cnc.gcode.core.program import interpret
 from cnc.gcode.reader.source_text import Text
-from cnc.grbl_lines.line_program import exact_path
 from cnc.grbl_lines.path_samples import MARGIN
 from cnc.grbl_lines.translator import Translator
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
-from cnc.path.build import build
+from cnc.path.build import build, exact_path
 from cnc.path.chunk import PathChunk
 from tests.support.boards.grbl_replay import (
     PLANES,

@@ -14,7 +14,6 @@ from cnc.gcode.core.program import interpret
 from cnc.gcode.reader.source_text import Text
 from cnc.grbl_lines.board_limits import BoardLimits
 from cnc.grbl_lines.grbl_timing import BoardTime
-from cnc.grbl_lines.line_program import exact_path
 from cnc.grbl_lines.number_format import Move as PlannedMove
 from cnc.grbl_lines.number_format import PlaneArc
 from cnc.grbl_lines.translator import PREAMBLE, Translator
@@ -25,7 +24,7 @@ from cnc.model.blocks import Block, BoardCommand, NurbsFeed, PathMode
 from cnc.model.diagnostics import GcodeError
 from cnc.model.line_effects import ARCS, MOTIONS, LineKind, effects_of
 from cnc.model.streams import GcodeLine, PackedLines
-from cnc.path.build import build
+from cnc.path.build import build, exact_path
 from cnc.path.chunk import PathChunk
 from tests.support.boards.board_reader import Move, Reader
 from tests.support.boards.line_reader import LineReader, lines_with_effects
