@@ -70,7 +70,7 @@ def test_the_ends_of_rows_that_cannot_be_passed_faster_are_not_sought():
         ]
         path = build(blocks, axes=finishing.AXES, start=points[0], short_legs=4)
         chunks = [item for item in ahead.plan(path) if isinstance(item, PlanChunk)]
-        return int(ahead._corners._known.next[0]), chunks[-1].t0 + chunks[-1].duration
+        return int(ahead._corners._solutions.next[0]), chunks[-1].t0 + chunks[-1].duration
 
     sought, time = planned_rows(finishing.machine(tangential=False, per_axis=True))
     assert sought > 0
@@ -92,4 +92,4 @@ def test_the_corners_before_one_that_stays_a_stop_are_passed():
     assert near[2] < 1e-6
     assert 1e-3 < min(near[:2]) < max(near[:2]) <= 0.01
     # Both are passed by one motion, which is sought at once.
-    assert int(ahead._corners._known.next[0]) == 1
+    assert int(ahead._corners._solutions.next[0]) == 1
