@@ -12,7 +12,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cnc.gcode.core import circular_pocket, drilling, feed_codes, nurbs, probing, splines
-from cnc.gcode.core import drilling as hole_patterns
 from cnc.gcode.core.block_buffer import BlockBuffer, SourceLocation, UnusedWords, Warn
 from cnc.gcode.core.builder_codes import BuilderCodes, ExtraCode, PreparedLine, prepare
 from cnc.gcode.core.comments import Assignments, CommentCommands
@@ -206,7 +205,7 @@ class Interpreter:
         runner = CycleRunner(motion)
         self.drilling_cycles = drilling.register(motion, runner, self._dwells)
         if self.dialect.cycles.hole_patterns:
-            hole_patterns.register_patterns(motion, self.drilling_cycles)
+            drilling.register_patterns(motion, self.drilling_cycles)
         threads.register_threading(motion, runner)
         circular_pocket.register(motion, self.tool_codes)
         self.probing = probing.Probing(motion)

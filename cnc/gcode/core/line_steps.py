@@ -272,10 +272,8 @@ def _makers(flavour: str) -> Mapping[str, Maker]:
     if flavour == "siemens":
         # Most programs are in another language.
         from cnc.gcode.sinumerik import cycles, flow
-        from cnc.gcode.sinumerik import flow as called
-        from cnc.gcode.sinumerik import flow as frames
 
-        return {**cycles.MAKERS, **flow.MAKERS, **frames.FRAME_MAKERS, **called.SUBPROGRAM_MAKERS}
+        return {**cycles.MAKERS, **flow.MAKERS, **flow.FRAME_MAKERS, **flow.SUBPROGRAM_MAKERS}
     if flavour == "klartext":
         return klartext.MAKERS
     return block_matching.MAKERS | subprograms.MAKERS

@@ -13,7 +13,6 @@ from cnc.gcode.core.call_stack import Flow, Frame, Step
 from cnc.gcode.core.control_flow import BackwardJump, not_ended
 from cnc.gcode.core.tool_table import MAX_TOOL, ToolEntry
 from cnc.gcode.klartext import moves
-from cnc.gcode.klartext import moves as cycles
 from cnc.gcode.klartext.reader import Block, Item, Session, block_of
 from cnc.gcode.reader.source_text import Place
 from cnc.gcode.reader.statements import Control
@@ -106,7 +105,7 @@ def _stop_or_cycle(session: Session, block: Block) -> None:
     if block.head.key == "STOP":
         session.do(block.head._replace(text="STOP").word("M", 0))
     else:
-        cycles.call_cycle(session, block)
+        moves.call_cycle(session, block)
 
 
 def _note(session: Session, block: Block) -> None:
@@ -194,7 +193,7 @@ _EFFECTS = {
     "BEGINPGM": _begin, "ENDPGM": _end, "BLKFORM": _note, "CC": moves.centre,
     **dict.fromkeys(moves.ALLOWED, moves.move), "RND": moves.corner, "CHF": moves.corner,
     "SPL": moves.spline, "TOOLCALL": _tool_call, "TOOLDEF": _tool_def, "STOP": _stop_or_cycle,
-    "CYCLDEF": cycles.define, "CYCLCALL": _stop_or_cycle, "Q": cycles.assign, "LBL": _label,
+    "CYCLDEF": moves.define, "CYCLCALL": _stop_or_cycle, "Q": moves.assign, "LBL": _label,
     "CALLLBL": _call, "IF": _jump, "ERROR": _note, "PRINT": _note,
 }  # fmt: skip
 """The effect of each kind of block. It returns the line to continue at; None for the next one."""
