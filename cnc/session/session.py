@@ -14,7 +14,6 @@ from cnc.checks.hints import empty_program, step_rate
 from cnc.checks.portable import ProgramText, dialects_of, portability
 from cnc.checks.selection import unknown_codes
 from cnc.grbl_lines.grbl_timing import BoardTime
-from cnc.grbl_lines.line_program import LineProgram
 from cnc.machine.models import Machine, Stock
 from cnc.model.blocks import Block
 from cnc.model.diagnostics import (
@@ -568,6 +567,8 @@ class Session:
         target = self._context.options.outputs.lines
         if target is None and (board is not None or not capabilities.lines):
             return None
+        from cnc.grbl_lines.translator import LineProgram  # a check does not need it
+
         reader = self._context.reader
         file = None if target is None else self._context.files.opened(TextTarget(target))
         program = LineProgram(
