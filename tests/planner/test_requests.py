@@ -44,9 +44,7 @@ RAMPS_TO_REST = 4.0
 
 BEHIND = 2.0
 """At the new feed the motion loses no more than so many of these ramps, a slice, and the rest of
-a motion past corners. That is followed at a part p of its speed v, which has the new feed where it
-is fastest. Elsewhere the feed would allow more: it loses less than its time, the integral of
-ds / (p v).
+a motion past corners.
 """
 
 REQUESTS = share(10_000, 20)
@@ -82,7 +80,7 @@ def test_a_request_takes_effect_within_the_promised_time(
         # A slice of slow motion is longer: it covers 0.01 mm.
         assert answer.delay <= answer.chain + 1.5 * SLICE, message
         assert answer.effect <= answer.chain + late, message
-        assert answer.behind <= BEHIND * answer.ramp + answer.rest + SLICE, message
+        assert answer.behind <= BEHIND * answer.ramp + answer.chain + SLICE, message
 
 
 INSIDE = 0.95

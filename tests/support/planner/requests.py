@@ -88,8 +88,6 @@ class Answer(NamedTuple):
         request: per cent of the feeds; 0 for a hold, and -1 for a stop.
         delay: motion that was handed out after the request, before it was planned, s.
         chain: time from the request to the end of the motion past corners that was under way, s.
-        rest: time of that motion from there on at the requested part of its speed, s; no less than
-            ``chain``.
         effect: time from the request until the motion keeps the feed, or rests, s; 0 for a request
             of a higher feed.
         ramp: time of the ramp to rest on a straight line along the slowest axis, s.
@@ -99,7 +97,6 @@ class Answer(NamedTuple):
     request: float
     delay: float
     chain: float
-    rest: float
     effect: float
     ramp: float
     behind: float
@@ -232,7 +229,7 @@ def answered(
             if request < 0.0:
                 sent += list(ahead.ramp_down())
                 rested = sent[-1].t0 + sent[-1].duration
-                return Answer(request, 0.0, chain, chain, rested - requested, ramp, 0.0)
+                return Answer(request, 0.0, chain, rested - requested, ramp, 0.0)
             if request == 0.0:
                 control.hold()
             else:
@@ -251,5 +248,4 @@ def answered(
         line = min(after, key=mine.__getitem__)
         last = at_feed[-1].t0 + at_feed[-1].duration
         behind = (end - mine[line]) - (last - theirs[line])
-    rest = chain * max(1.0, first / request) if request > 0.0 else chain
-    return Answer(request, planned - requested, chain, rest, effect - requested, ramp, behind)
+    return Answer(request, planned - requested, chain, effect - requested, ramp, behind)
