@@ -10,7 +10,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, Protocol
+from typing import Any, Literal, Protocol, TypeVar
 
 from cnc.gcode.core.coordinates import ProgramFrame
 from cnc.gcode.core.interpreter import Interpreter
@@ -20,10 +20,7 @@ from cnc.gcode.reader.statements import Control, Statement
 from cnc.model.blocks import CallBoundary
 from cnc.model.diagnostics import CncError
 
-if TYPE_CHECKING:
-    from cnc.gcode.klartext.reader import Session
-    from cnc.gcode.sinumerik.flow import Section
-    from cnc.gcode.turning.profiles import OpenProfile
+State = TypeVar("State")
 
 KEPT_PAGES = 4
 """Pages of a text whose steps are kept."""
@@ -72,6 +69,27 @@ class Loop:
     first: int
     last: int
     since: int = 0
+
+
+@dataclass(slots=True, eq=False)
+class Section:
+    """Lines that a REPEAT of SINUMERIK executes again.
+
+    Attributes:
+        listing: Their text.
+        depth: Number of calls around them.
+        first: The first of them.
+        last: The last of them.
+        after: The line after REPEAT.
+        repeats_left: Number of executions to come after this one.
+    """
+
+    listing: Listing
+    depth: int
+    first: int
+    last: int
+    after: int
+    repeats_left: int
 
 
 class Files(Protocol):
@@ -242,9 +260,7 @@ class Flow:
         missing: Names of programs that a check has skipped.
         entered: Lines of the O numbers of the programs in the main text that were called.
         program_frame: SINUMERIK's programmable frame.
-        sections: SINUMERIK's repeated sections that are being executed, outermost first.
-        profile: LinuxCNC's cycle whose profile is being executed; None for none.
-        klartext: State of a program of Klartext; None for another one.
+        sections: Repeated sections that are being executed, outermost first.
         has_modal: Whether a G66 was executed, so that each line may be followed by a call.
     """
 
@@ -275,10 +291,9 @@ class Flow:
         self.entered: set[int] = set()
         self.program_frame = ProgramFrame()
         self.sections: list[Section] = []
-        self.profile: OpenProfile | None = None
-        self.klartext: Session | None = None
         self.has_modal = False
         self._modal_depth = 0
+        self._states: dict[type[Any], Any] = {}
         self.parameters.bind("_value", lambda: 0.0 if self.value is None else self.value)
         self.parameters.bind("_value_returned", lambda: 0.0 if self.value is None else 1.0)
         self._set_listing(listing)
@@ -320,6 +335,18 @@ class Flow:
         self.interpreter.entered()
         self._set_listing(frame.listing)
         return frame.first
+
+    def state(self, kind: type[State]) -> State | None:
+        """Return the state of a language, by its class; None before it is kept."""
+        return self._states.get(kind)
+
+    def keep(self, state: object) -> None:
+        """Keep the state of a language, one of each class."""
+        self._states[type(state)] = state
+
+    def forget(self, kind: type[Any]) -> None:
+        """End a state."""
+        del self._states[kind]
 
     def begin_modal(self, call: Callable[[int], int]) -> None:
         """Begin to call a macro after each move of this program, and not of those it calls."""

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import cmath
 import math
+from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from cnc.gcode.core.arcs import ArcMoves
 from cnc.gcode.core.context import Executor
 from cnc.gcode.reader.words import LineWords, Word, fault, positive
 from cnc.model.blocks import ArcFeed
 from cnc.model.diagnostics import CncError, GcodeError
-
-if TYPE_CHECKING:
-    from cnc.gcode.core.motion import Motion
-
 
 # Chamfers and rounds between two moves: ``,C`` and ``,R``. Those at arcs: corner_rounds.
 #
@@ -355,15 +353,25 @@ def _meetings(first: _Locus, second: _Locus) -> list[complex]:
 class CornerMoves(Executor):
     """The corner of the last move, if it has one.
 
+    Args:
+        arcs: The arcs of the program, which know its plane.
+        make_straight: Puts a straight move out: its end, feed and line.
+        make_arc: Puts an arc out.
+
     Attributes:
         corner: The corner whose second move is not known yet.
     """
 
-    def __init__(self, motion: Motion) -> None:
-        super().__init__(motion.context)
+    def __init__(
+        self,
+        arcs: ArcMoves,
+        make_straight: Callable[[list[float], float, int], None],
+        make_arc: Callable[[ArcFeed], None],
+    ) -> None:
+        super().__init__(arcs.context)
         self.corner: Corner | None = None
-        self._motion = motion
-        self._corners = motion.context.dialect.motion.corners
+        self._arcs, self._make_straight, self._make_arc = arcs, make_straight, make_arc
+        self._corners = arcs.context.dialect.motion.corners
 
     def hold(
         self, word: Word, start: list[float], end: list[float], feed: float, line: int
@@ -391,9 +399,8 @@ class CornerMoves(Executor):
 
     def _size(self, word: Word) -> tuple[tuple[int, int], float]:
         """Return the plane of a corner, and its size in mm."""
-        motion = self._motion
-        plane = motion.arcs.plane_columns(word, word.letter)
-        factor = motion.coordinates.figure.scale(plane)
+        plane = self._arcs.plane_columns(word, word.letter)
+        factor = self._coordinates.figure.scale(plane)
         if factor is None:
             raise fault("scaling-arc", f"{word.written} under different factors of G51", word)
         return plane, word.number * self._state.scale * factor
@@ -412,12 +419,11 @@ class CornerMoves(Executor):
             way = cut(corner, following)
         except GcodeError as error:
             raise error.at(line=corner.line) from None
-        motion = self._motion
-        motion.make_straight(way.begin, corner.feed, corner.line)
+        self._make_straight(way.begin, corner.feed, corner.line)
         if way.centre is None:
-            motion.make_straight(way.end, corner.feed, corner.line)
+            self._make_straight(way.end, corner.feed, corner.line)
         else:
-            motion.make_arc(self._block(corner, way.centre, way.end, corner.size, way.turns))
+            self._make_arc(self._block(corner, way.centre, way.end, corner.size, way.turns))
         return way.end
 
     def finish_before_arc(self, block: ArcFeed) -> tuple[ArcFeed, list[float]]:
@@ -458,19 +464,18 @@ class CornerMoves(Executor):
 
     def _rounded(self, corner: Corner, rounding: Round) -> list[float]:
         """Make the first move and the round; return the place behind it."""
-        motion = self._motion
         begin, end = (self._at(corner, place) for place in (rounding.begin, rounding.end))
         if corner.arc is None:
-            motion.make_straight(begin, corner.feed, corner.line)
+            self._make_straight(begin, corner.feed, corner.line)
         else:
             arc = self._arc(corner, corner.start, corner.arc)
             turns = arc.spin * arc.part(rounding.begin)
-            motion.make_arc(replace(corner.arc, end=np.array(begin), turns=turns))
+            self._make_arc(replace(corner.arc, end=np.array(begin), turns=turns))
         if rounding.centre is None:
-            motion.make_straight(end, corner.feed, corner.line)
+            self._make_straight(end, corner.feed, corner.line)
             return end
         centre = rounding.centre.real, rounding.centre.imag
-        motion.make_arc(self._block(corner, centre, end, corner.size, rounding.turns))
+        self._make_arc(self._block(corner, centre, end, corner.size, rounding.turns))
         return end
 
     def _block(

@@ -17,6 +17,7 @@ from cnc.gcode.core.interpreter import Interpreter
 from cnc.gcode.core.line_machine import MOST_ROWS, LineMachine
 from cnc.gcode.kernels.line import execute_lines
 from cnc.gcode.klartext import steps as klartext
+from cnc.gcode.klartext.moves import Session
 from cnc.gcode.macro_b import subprograms as numbered_programs
 from cnc.gcode.reader.lines import KLARTEXT
 from cnc.gcode.reader.parser import Syntax, parse_line
@@ -465,7 +466,7 @@ class _Run:
     def run(self, flow: Flow, line: int) -> int:
         """Execute the run in compiled code, or else its first line on its own."""
         window, listing = self._window, flow.listing
-        session = flow.klartext
+        session = flow.state(Session)
         is_plain = session.has_plain_moves if session else window.language != KLARTEXT
         count = self._runs.run(window, line - window.first) if is_plain else 0
         if not count:

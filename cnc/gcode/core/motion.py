@@ -178,7 +178,7 @@ class Motion(MoveFeeds):
         self.vector_letters: tuple[str, ...] = ()
         self.assumed = AssumedMotion(context)
         self.arcs = ArcMoves(self)
-        self.corners = CornerMoves(self)
+        self.corners = CornerMoves(self.arcs, self.make_straight, self.make_arc)
 
     @property
     def compensated(self) -> bool:

@@ -13,7 +13,8 @@ from cnc.gcode.core.call_stack import Flow, Frame, Step
 from cnc.gcode.core.control_flow import BackwardJump, not_ended
 from cnc.gcode.core.tool_table import MAX_TOOL, ToolEntry
 from cnc.gcode.klartext import moves
-from cnc.gcode.klartext.reader import Block, Item, Session, block_of
+from cnc.gcode.klartext.moves import Session
+from cnc.gcode.klartext.reader import Block, Item, block_of
 from cnc.gcode.reader.source_text import Place
 from cnc.gcode.reader.statements import Control
 from cnc.gcode.reader.words import whole
@@ -32,9 +33,10 @@ class BlockStep:
 
     def run(self, flow: Flow, line: int) -> int:
         """Execute the block; return the line to continue at."""
-        block, session = self._block, flow.klartext
+        block, session = self._block, flow.state(Session)
         if session is None:
-            session = flow.klartext = Session(flow)
+            session = Session(flow)
+            flow.keep(session)
         session.line = flow.interpreter.here.line = line
         flow.interpreter.begun = True
         session.defines = session.defines and block.head.key == "Q"
@@ -57,7 +59,8 @@ def _end(session: Session, block: Block) -> None:
 
 def end_of_file(flow: Flow, line: int) -> None:
     """Refuse the end of the text of a program that began with BEGIN PGM."""
-    if flow.klartext is not None and flow.klartext.opened:
+    session = flow.state(Session)
+    if session is not None and session.opened:
         at = Place(line - 1, 1, max(len(flow.main.source(line - 1)), 1))
         message = "the program has no END PGM: the file may not be complete"
         raise flow.main.fault(at, "program-end-missing", message, "end it with END PGM")

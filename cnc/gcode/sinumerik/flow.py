@@ -13,7 +13,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from cnc.gcode.core.call_stack import ControlStep, Flow, Frame, Listing, Loop, Maker, Step
+from cnc.gcode.core.call_stack import ControlStep, Flow, Frame, Listing, Loop, Maker, Section, Step
 from cnc.gcode.core.control_flow import BackwardJump, enter_branch, enter_loop
 from cnc.gcode.core.coordinates import Figure, ProgramFrame
 from cnc.gcode.core.subprograms import skips_missing
@@ -252,27 +252,6 @@ def _crossed(listing: Listing, line: int, control: Control, block: _Block) -> Cn
 
 def _not(value: Value) -> Value:
     return lambda parameters: float(not value(parameters))
-
-
-@dataclass(slots=True, eq=False)
-class Section:
-    """Lines that REPEAT executes again.
-
-    Attributes:
-        listing: Their text.
-        depth: Number of calls around them.
-        first: The first of them.
-        last: The last of them.
-        after: The line after REPEAT.
-        repeats_left: Number of executions to come after this one.
-    """
-
-    listing: Listing
-    depth: int
-    first: int
-    last: int
-    after: int
-    repeats_left: int
 
 
 class _Repeat(ControlStep):

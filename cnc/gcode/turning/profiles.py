@@ -676,7 +676,7 @@ class SubroutineCycle(ProfileCycle):
 
     def run(self, flow: Flow, line: int) -> int:
         """Enter the subroutine, or make the cycle after its return."""
-        profile = flow.profile
+        profile = flow.state(OpenProfile)
         if profile is None:
             return self._begin(flow, line)
         if profile.line != line or profile.depth != len(flow.frames):
@@ -701,12 +701,12 @@ class SubroutineCycle(ProfileCycle):
         flow.frame.return_line = line
         depth = len(flow.frames) - 1
         blocks = interpreter.out.divert()
-        flow.profile = OpenProfile(line, depth, self._code, words, modal, position, blocks)
+        flow.keep(OpenProfile(line, depth, self._code, words, modal, position, blocks))
         return first
 
     def _end(self, flow: Flow, profile: OpenProfile) -> None:
         interpreter = flow.interpreter
-        flow.profile = None
+        flow.forget(OpenProfile)
         kept_back = interpreter.out.restore(profile.blocks)
         interpreter.context.state = profile.modal
         interpreter.motion.position = profile.position

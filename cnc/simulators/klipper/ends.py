@@ -7,9 +7,9 @@ from cnc.boards.klipper.trinamic import CHOPCONF, CLOCK, COOLCONF, GCONF, SGTHRS
 from cnc.boards.loopback import switch_places
 from cnc.machine.klipper import KlipperAxis, Pin
 from cnc.machine.models import Machine
-from cnc.simulators.klipper.commands import EndLevel, Level
 from cnc.simulators.klipper.devices import DriverModel
 from cnc.simulators.klipper.klipper_simulator import KlipperSimulator
+from cnc.simulators.klipper.objects import EndLevel, Level
 
 # A motor at a hard stop, as its driver measures it.
 #

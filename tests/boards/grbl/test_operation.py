@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from cnc.boards.grbl.operation import JogLine
+from cnc.boards.grbl.driver import JogLine
 from cnc.model.diagnostics import BoardError, UsageError
 from cnc.operate.jogging import REST_TIME
 from cnc.operate.machines import LineMachine

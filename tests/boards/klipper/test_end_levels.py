@@ -8,8 +8,8 @@ from functools import partial
 import pytest
 
 from cnc.boards.klipper.protocol import Message
-from cnc.simulators.klipper.commands import Commands, EndLevel
-from cnc.simulators.klipper.klipper_simulator import KlipperSimulator
+from cnc.simulators.klipper.klipper_simulator import Commands, KlipperSimulator
+from cnc.simulators.klipper.objects import EndLevel
 from tests.support.soak import share
 
 MOTOR, SWITCH, TRIGGER = 0, 1, 2

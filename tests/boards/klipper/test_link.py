@@ -18,7 +18,7 @@ from cnc.boards.klipper.protocol import (
     WireError,
     block_bytes,
 )
-from cnc.simulators.klipper.klipper_simulator import Cable
+from cnc.simulators.klipper.devices import Cable
 from tests.support.boards.klipper_rig import MCUS, board, machine
 from tests.support.boards.stepper_rig import chunks, eased
 from tests.support.soak import share

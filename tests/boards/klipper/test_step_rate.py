@@ -16,7 +16,7 @@ from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import BoardError, MotionLimitError
 from cnc.model.streams import PulseChunk
-from cnc.simulators.klipper.commands import Motor
+from cnc.simulators.klipper.objects import Motor
 from tests.support.boards.klipper_rig import board, machine, pins, played
 from tests.support.boards.stepper_rig import chunks, line
 

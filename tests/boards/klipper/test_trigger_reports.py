@@ -14,8 +14,7 @@ from cnc.api import home
 from cnc.boards.klipper.guards import REPORT_S
 from cnc.boards.klipper.layout import BY_HOST
 from cnc.boards.klipper.protocol import Message
-from cnc.simulators.klipper.commands import Commands
-from cnc.simulators.klipper.klipper_simulator import KlipperSimulator
+from cnc.simulators.klipper.klipper_simulator import Commands, KlipperSimulator
 from cnc.simulators.klipper.ports import KlipperSimulatorPort, simulator_for
 from tests.support.boards.homing_bench import small
 from tests.support.boards.klipper_rig import (

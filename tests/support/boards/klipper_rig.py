@@ -18,8 +18,8 @@ from cnc.machine.klipper import KlipperAxis, KlipperBoard, KlipperSpindle
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
 from cnc.session.options import Outputs
-from cnc.simulators.klipper.commands import EndLevel
 from cnc.simulators.klipper.klipper_simulator import KlipperSimulator
+from cnc.simulators.klipper.objects import EndLevel
 from cnc.simulators.klipper.ports import KlipperSimulatorPort, simulator_for
 from tests.support.session.runs import run_with
 
