@@ -44,7 +44,7 @@ from cnc.cli.options import (
 from cnc.cli.progress import ProgressDisplay
 from cnc.cli.signals import NO_SPACE, OperatorSignals, report_hang_up
 from cnc.compiled.code_cache import cache_folder
-from cnc.model.choices import DialectName, Pauses
+from cnc.model.choices import DialectName, Pauses, TextStyle
 from cnc.model.diagnostics import (
     EXIT_STOPPED,
     CncError,
@@ -308,6 +308,40 @@ def tools(
 
     write_tool_table(program, file)
     return 0
+
+
+@app.command(name="format")
+def format_programs(
+    *programs: Annotated[
+        str, Parameter(help="Programs, folders of programs, and patterns such as 'parts/**/*.nc'.")
+    ],
+    check: Annotated[
+        bool, option("Write nothing; name the programs that have another form, with exit code 1.")
+    ] = False,
+    in_place: Annotated[bool, option("Write each program to its file.")] = False,
+    style: Annotated[
+        TextStyle | None,
+        option("readable or compact; by default the style of the machine file."),
+    ] = None,
+    machine: MachineOption = None,
+    dialect: Annotated[
+        DialectName | None,
+        option("How to read the programs; by default as the machine file specifies."),
+    ] = None,
+    terminal: TerminalOptions = TERMINAL,
+) -> int:
+    """Write programs in one form: blanks, capitals, numbers, the order of words.
+
+    Comments stay. The program is read in both forms: its blocks are the same to the bit.
+    """
+    terminal.open_log(machine, *programs)
+    load_library()
+    from cnc.cli import rewriting
+
+    names = [name.replace(HYPHEN, "-") for name in programs]
+    return rewriting.format_programs(
+        names, machine, dialect, style, check=check, in_place=in_place, quiet=terminal.quiet
+    )
 
 
 @app.command

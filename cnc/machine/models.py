@@ -22,7 +22,7 @@ from cnc.machine.kinematics import Cartesian, KinematicsTable, OfJoints
 from cnc.machine.klipper import KlipperBoard
 from cnc.machine.program_codes import Codes, RunFile
 from cnc.model.blocks import AxisLetter
-from cnc.model.choices import DialectName, GcodeSystem, MachineKind, WrapRule
+from cnc.model.choices import DialectName, GcodeSystem, MachineKind, TextStyle, WrapRule
 from cnc.model.section import (
     FilePath,
     Inconsistency,
@@ -125,6 +125,10 @@ class Program(Section):
 
     dialect: DialectName = Field(
         default="auto", description="Dialect of G-code; auto recognises it in the program."
+    )
+    style: TextStyle = Field(
+        default="readable",
+        description="Form of the text that cncrun format writes: readable or compact.",
     )
     g_code_system: GcodeSystem = Field(
         default="A",

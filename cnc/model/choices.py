@@ -19,6 +19,8 @@ UnknownCodes = Literal["error", "warn"]
 """M- and G-codes that no dialect knows: refused, or skipped with a warning."""
 MissingPrograms = Literal["error", "warn"]
 """Programs that are called and not at hand: refused, or skipped with a warning."""
+TextStyle = Literal["readable", "compact"]
+"""``readable`` puts blanks between words; ``compact`` writes only what the control needs."""
 Interpolator = Literal["reference-pulse", "sampled"]
 """``reference-pulse`` makes grid moves. ``sampled`` also samples positions at a fixed period."""
 Algorithm = Literal["enclosing-line", "half-step", "point-by-point", "kiritsis", "crossings"]

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -41,6 +42,20 @@ def read() -> None:
     from cnc.gcode.core.line_steps import SHORTEST
 
     _read(["G0 X1"] * SHORTEST)
+
+
+def write_anew() -> None:
+    """Write a line in its form."""
+    from tempfile import NamedTemporaryFile
+
+    from cnc.gcode import dialects
+    from cnc.gcode.reader.layout import formatted
+
+    with NamedTemporaryFile() as file:
+        file.write(b"G0 X1")
+        file.flush()
+        for _ in formatted(Path(file.name), dialects.load("linuxcnc"), "readable"):
+            pass
 
 
 def evaluate() -> None:
@@ -205,6 +220,7 @@ JOBS = {
     "lines": Job(
         _kernels("gcode.kernels.automaton", "gcode.kernels.statements", "gcode.kernels.line"), read
     ),
+    "layout": Job(_kernels("gcode.kernels.layout"), write_anew),
     "paths": Job(_kernels("path.kernels.curve", "path.kernels.arclength"), build_simple),
     "intervals": Job(_kernels("planner.kernels.subdivision", "planner.kernels.limits"), plan),
     "refinement": Job(_kernels("planner.kernels.refine"), plan),

@@ -13,6 +13,7 @@ from cnc.boards.protocols import LineSink, PulseSink
 from cnc.checks.hints import empty_program, step_rate
 from cnc.checks.portable import ProgramText, dialects_of, portability
 from cnc.checks.selection import unknown_codes
+from cnc.gcode.dialects import Dialect
 from cnc.grbl_lines.grbl_timing import BoardTime
 from cnc.machine.models import Machine, Stock
 from cnc.model.blocks import Block
@@ -314,6 +315,14 @@ class Session:
             reader, self.report, observer, options, OpenOutputs(), control is not None, on_plan
         )
         self._kernels = KernelNeeds(self._context)
+
+    def read_from(self, path: Path) -> None:
+        """Read the program from a file that has its text."""
+        self._context.reader.path = path
+
+    def rules(self) -> Dialect:
+        """Return the dialect of the program, as the check pass reads it."""
+        return self._context.reader.rules()
 
     def blocks(self) -> Iterator[Block]:
         """Yield the canonical blocks of the program, read as in the check pass."""

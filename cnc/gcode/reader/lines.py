@@ -203,6 +203,16 @@ def _read(
     return Reading(tables, events, results)
 
 
+def events_of_lines(data: bytes, begins: Positions, ends: Positions, language: Language) -> Reading:
+    """Return the events of lines. They last until this thread reads further lines.
+
+    The arguments are those of :func:`read_lines`.
+    """
+    _scratch.fit(len(begins), len(data))
+    chars = np.frombuffer(data, np.uint8)
+    return _read(chars, begins, ends, language.grammar, _scratch.events)
+
+
 def read_line(text: str, name: str) -> Reading:
     """Read a line. Its events have the positions of its characters.
 

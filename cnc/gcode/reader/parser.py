@@ -392,6 +392,12 @@ _FOREIGN_NAMES = {
 Flavour = Literal["ngc", "macro-b", "siemens", "klartext", "none"]
 
 
+def language_of(flavour: Flavour) -> Language:
+    """Return how compiled code reads the lines of a language."""
+    languages = {"macro-b": MACRO, "siemens": SINUMERIK, "klartext": KLARTEXT}
+    return languages.get(flavour, NGC)
+
+
 @dataclass(frozen=True, slots=True)
 class Syntax:
     """The syntax of a dialect.
@@ -417,8 +423,7 @@ class Syntax:
     @property
     def language(self) -> Language:
         """How lines are read by compiled code."""
-        languages = {"macro-b": MACRO, "siemens": SINUMERIK, "klartext": KLARTEXT}
-        return languages.get(self.flavour, NGC)
+        return language_of(self.flavour)
 
     @property
     def names(self) -> Names:

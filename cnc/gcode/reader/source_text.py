@@ -34,7 +34,7 @@ WINDOW_BYTES = 1 << 18
 KEPT_WINDOWS = 4
 
 _LF, _CR = 10, 13
-_BOM = b"\xef\xbb\xbf"
+BOM = b"\xef\xbb\xbf"
 _NOT_UTF8 = "latin-1"
 _NOT_BYTES = b"\0"
 """Ends the bytes of a line that cannot be bytes, or not one line. No plain line has it."""
@@ -149,6 +149,11 @@ class Window:
     def simple(self) -> NDArray[np.int32]:
         """Numbers of consecutive lines in which no word is repeated."""
         return self.sorted.lines.simple
+
+    @property
+    def places(self) -> tuple[Positions, Positions]:
+        """Begin and end of each line in the bytes."""
+        return self._begin, self._end
 
     def line_words(self, index: int) -> tuple[list[int], list[float]]:
         """Return the codes of the letters and the numbers of the words of a plain line."""
@@ -385,7 +390,7 @@ class _File:
 
     def windows(self) -> Iterator[Window]:
         """Yield all windows in order."""
-        line, offset = 1, len(_BOM) if self._read(0).startswith(_BOM) else 0
+        line, offset = 1, len(BOM) if self._read(0).startswith(BOM) else 0
         while data := self._read(offset):
             self._begins.append((line, offset))
             window, size = self._window(line, data)
