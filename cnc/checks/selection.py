@@ -127,6 +127,7 @@ class Selection:
     Attributes:
         select: codes to report alone; empty for all.
         ignore: codes that are not reported.
+        errors: codes that count as errors.
 
     Raises:
         UsageError: ``unknown-finding`` for a code that no warning or note has.
@@ -134,9 +135,10 @@ class Selection:
 
     select: frozenset[str] = field(default_factory=frozenset)
     ignore: frozenset[str] = field(default_factory=frozenset)
+    errors: frozenset[str] = field(default_factory=frozenset)
 
     def __post_init__(self) -> None:
-        check_codes(self.select | self.ignore)
+        check_codes(self.select | self.ignore | self.errors)
 
     def wants(self, finding: Diagnostic) -> bool:
         """Return whether ``finding`` is reported. A comment in ``finding.text`` may ignore it."""

@@ -10,6 +10,7 @@ import logging
 import os
 import sys
 from collections.abc import Sequence
+from itertools import groupby
 from pathlib import Path
 from typing import TextIO
 
@@ -18,9 +19,9 @@ from cnc.batch.pool import check_many
 from cnc.checks.tool_list import ToolList
 from cnc.cli.options import CheckFormat, CheckOptions, CommonOptions
 from cnc.cli.progress import ProgressDisplay, print_compiling
+from cnc.cli.projects import jobs_of, options_of
 from cnc.gcode.reader.source_text import Text
-from cnc.machine.load import load_machine, with_stock
-from cnc.machine.models import Machine
+from cnc.machine.load import load_machine
 from cnc.model.choices import DialectName
 from cnc.model.diagnostics import (
     EXIT_REJECTED,
@@ -87,22 +88,16 @@ def check_one(
     file: str, common: CommonOptions, options: CheckOptions, picture: str | None = None
 ) -> Report:
     """Check one program in this process."""
-    machine = _machine(common, options)
+    chosen = options_of(file, common, options)
     control = Control(common.feed_override)
     with ProgressDisplay(control, quiet=common.terminal.quiet) as display:
         return api.check(
             file,
-            machine,
-            options.run_options(common, picture=picture),
+            chosen.machine,
+            chosen.check.run_options(chosen.common, picture=picture),
             callbacks=display.callbacks(),
             control=control,
         )
-
-
-def _machine(common: CommonOptions, options: CheckOptions) -> Machine:
-    """Return the machine, with the raw part."""
-    machine = load_machine(common.machine)
-    return machine if options.stock is None else with_stock(machine, options.stock)
 
 
 def check_listed(
@@ -117,19 +112,24 @@ def check_listed(
         message = "--jobs is for this computer, --scheduler for others"
         raise UsageError(Diagnostic("jobs-and-scheduler", message, hint="give one of them"))
     reports: list[Report] = []
-    machine = _machine(common, options)
     quiet = common.terminal.quiet
+    # Programs behind each other with the same options are checked together.
+    alike = groupby(files, lambda file: options_of(file, common, options))
     with ProgressDisplay(Control(common.feed_override), quiet=quiet) as display:
-        results = check_many(
-            files,
-            machine,
-            options.run_options(common),
-            jobs=options.jobs,
-            scheduler=options.scheduler,
-            on_done=lambda done: display.count(done, len(files)),
-            on_compiling=None if quiet else print_compiling,
+        results = (
+            report
+            for chosen, group in alike
+            for report in check_many(
+                tuple(group),
+                chosen.machine,
+                chosen.check.run_options(chosen.common),
+                jobs=options.jobs or jobs_of(files[0]),
+                scheduler=options.scheduler,
+                on_compiling=None if quiet else print_compiling,
+            )
         )
         for report in results:
+            display.count(len(reports) + 1, len(files))
             reports.append(report)
             log.info("%s", one_line(report))
             for finding in report.findings:
@@ -138,7 +138,7 @@ def check_listed(
                 display.warn(warning)
             if not quiet:
                 print(one_line(report), file=stream, flush=True)
-    if not (machine.has_travel or quiet):
+    if not (quiet or all(report.machine.has_travel for report in reports)):
         print(f"travel was {TRAVEL_NOT_CHECKED}", file=stream)
     return reports
 

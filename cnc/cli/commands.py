@@ -132,7 +132,9 @@ def run(
     common.prepare(program, on_board.port)
     load_library()
     from cnc.cli import checking
+    from cnc.cli.projects import options_of
 
+    chosen = options_of(program, common)
     control = on_board.control(common.feed_override)
     display = ProgressDisplay(control, quiet=common.terminal.quiet, plain=on_board.plain)
     with display, Keyboard(control, report_hang_up) as keys:
@@ -141,8 +143,9 @@ def run(
         pauses: Pauses = "wait" if keys.available else "skip" if on_board.yes else "refuse"
         report = cnc.run(
             program,
-            cnc.load_machine(common.machine),
-            common.run_options(
+            chosen.machine,
+            chosen.common.run_options(
+                selection=chosen.check.selection,
                 pauses=pauses,
                 from_line=on_board.from_line,
                 home=on_board.home,
@@ -345,6 +348,19 @@ def format_programs(
 
 
 @app.command
+def config(program: ProgramOption, /) -> int:
+    """Show what holds for a program by its project file, and why.
+
+    The project file is cncrun.toml, or [tool.cncrun] in pyproject.toml, found upwards.
+    """
+    load_library()
+    from cnc.cli.projects import described
+
+    print(*described(program), sep="\n")
+    return 0
+
+
+@app.command
 def warm(*, quiet: Annotated[bool, option("Print nothing but errors.")] = False) -> int:
     """Compile all kernels now, for an image or a CI job.
 
@@ -368,9 +384,10 @@ def _compile(*, quiet: bool) -> None:
 @app.command
 def schema(
     document: Annotated[
-        Literal["machine", "summary", "checkpoint", "height-map"],
+        Literal["machine", "project", "summary", "checkpoint", "height-map"],
         Parameter(
-            help="machine: the machine file. summary: the summary that --json writes. "
+            help="machine: the machine file. project: the file cncrun.toml. "
+            "summary: the summary that --json writes. "
             "checkpoint: the file that a run keeps beside its program. "
             "height-map: the heights of a surface."
         ),
@@ -380,11 +397,13 @@ def schema(
     """Print the JSON Schema of a file format."""
     from cnc.machine.height_map import height_map_schema
     from cnc.machine.load import machine_schema
+    from cnc.machine.project import project_schema
     from cnc.report.models import summary_schema
     from cnc.session.checkpoint import checkpoint_schema
 
     schemas = {
         "machine": machine_schema,
+        "project": project_schema,
         "summary": summary_schema,
         "checkpoint": checkpoint_schema,
         "height-map": height_map_schema,

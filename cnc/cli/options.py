@@ -139,9 +139,9 @@ class CommonOptions:
         ),
     ] = None
     unknown_codes: Annotated[
-        UnknownCodes,
-        option("M-codes that no dialect knows: an error, or a warning and no effect."),
-    ] = "error"
+        UnknownCodes | None,
+        option("M-codes that no dialect knows: an error (the default), or a warning; no effect."),
+    ] = None
     default_feed: Annotated[
         float | None,
         Parameter(
@@ -189,7 +189,7 @@ class CommonOptions:
             algorithm=self.algorithm,
             feed_override=self.feed_override,
             tool_lengths=self.tool_lengths,
-            unknown_codes=self.unknown_codes,
+            unknown_codes=self.unknown_codes or "error",
             height_map=self.height_map,
             default_feed=self.default_feed,
             block_delete=frozenset(self.block_delete),
@@ -283,6 +283,7 @@ class CheckOptions:
     ignore: Annotated[
         tuple[str, ...], option("Do not report warnings and notes of these codes.")
     ] = ()
+    errors: Annotated[frozenset[str], Parameter(parse=False)] = frozenset()
     stock: Annotated[
         str | None,
         option(
@@ -310,10 +311,17 @@ class CheckOptions:
         option("Check on a Dask cluster: address of its scheduler, such as tcp://host:8786."),
     ] = None
 
+    @property
+    def selection(self) -> cnc.Selection:
+        """The findings to report."""
+        return cnc.Selection(
+            frozenset(_split(self.select)), frozenset(_split(self.ignore)), self.errors
+        )
+
     def run_options(self, common: CommonOptions, *, picture: str | None = None) -> cnc.RunOptions:
         """Return the options of a check."""
         return common.run_options(
-            selection=cnc.Selection(frozenset(_split(self.select)), frozenset(_split(self.ignore))),
+            selection=self.selection,
             portable=tuple(_split(self.portable)),
             picture=picture,
             stl=self.stl,

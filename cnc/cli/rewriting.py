@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from cnc.cli.checking import find_programs
-from cnc.machine.load import load_machine
+from cnc.cli.options import CommonOptions
+from cnc.cli.projects import options_of
 from cnc.model.choices import DialectName, TextStyle
 from cnc.model.diagnostics import EXIT_REJECTED, Diagnostic, UsageError, shown_name
 from cnc.report.targets import BytesTarget
@@ -42,10 +43,13 @@ def format_programs(
     if in_place and "-" in files:
         message = "standard input cannot be written in place"
         raise UsageError(Diagnostic("usage", message, hint="leave out --in-place"))
-    machine = load_machine(machine_file)
+    given = CommonOptions(machine=machine_file, dialect=dialect)
     changed = 0
     for file in files:
-        with in_form(file, machine, dialect, style or machine.program.style) as result:
+        chosen = options_of(file, given)
+        machine = chosen.machine
+        form = style or chosen.style
+        with in_form(file, machine, chosen.common.dialect, form) as result:
             changed += result.changed
             if not (check or in_place):
                 _write("-", result)

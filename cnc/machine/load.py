@@ -6,7 +6,7 @@ import difflib
 import json
 import re
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from importlib.resources.abc import Traversable
@@ -327,26 +327,26 @@ def load_machine(path: Path | str | None = None) -> Machine:
     try:
         tables = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise _toml_error(file, text, str(error)) from None
+        raise toml_error(file, text, str(error)) from None
     except RecursionError:
         depths = [line.count("[") + line.count("{") for line in text.splitlines()]
         place = f"(at line {depths.index(max(depths)) + 1}, column 1)"
-        raise _toml_error(file, text, f"lists or tables are nested too deeply {place}") from None
+        raise toml_error(file, text, f"lists or tables are nested too deeply {place}") from None
     try:
         header = Header.model_validate(tables.pop("machine", {}))
     except ValidationError as error:
-        raise _validation_error(file, text, error, ("machine",)) from None
+        raise validation_error(file, text, error, ("machine",)) from None
     for key in (*Header.model_fields, "file"):
         if key in tables:
             hint = "remove it" if key == "file" else f"put the {key} into [machine]"
-            raise _error(file, text, (key,), "there is no such key", hint)
+            raise value_error(file, text, (key,), "there is no such key", hint)
     _complete_axes(file, text, tables)
     try:
         machine = Machine.model_validate({**header.model_dump(), "file": str(file), **tables})
     except ValidationError as error:
-        raise _validation_error(file, text, error) from None
+        raise validation_error(file, text, error) from None
     for wrong in inconsistencies(machine):
-        raise _error(file, text, wrong.key, wrong.message, wrong.hint)
+        raise value_error(file, text, wrong.key, wrong.message, wrong.hint)
     return _with_absolute_files(machine, file, text)
 
 
@@ -361,7 +361,7 @@ def _complete_axes(file: Traversable, text: str, tables: dict[str, Any]) -> None
     kinds = {kind: model for model in KINEMATICS for kind in model.kinds()}
     if "type" in kinematics and kinematics["type"] not in kinds:
         message = f"must be one of {', '.join(kinds)}, not {_toml(kinematics['type'])}"
-        raise _error(file, text, ("kinematics", "type"), message)
+        raise value_error(file, text, ("kinematics", "type"), message)
     model = kinds.get(kinematics.get("type", "cartesian"))
     given = [joint for joint in (joints or {}).values() if isinstance(joint, dict)]
     moved, movers = model.moved_in(kinematics) if model is not None else ((), ())
@@ -373,7 +373,7 @@ def _complete_axes(file: Traversable, text: str, tables: dict[str, Any]) -> None
             if key in Axis.model_fields and key not in OF_TIP:
                 hint = f"write it into [joints.{movers[0]}] and its fellows" if movers else ""
                 message = "belongs to the joints that move this axis"
-                raise _error(file, text, ("axes", letter, key), message, hint)
+                raise value_error(file, text, ("axes", letter, key), message, hint)
         for key in ("steps_per_mm", "max_velocity"):
             values = [joint.get(key) for joint in given]
             numbers = [float(value) for value in values if isinstance(value, int | float)]
@@ -424,28 +424,31 @@ def error_in(machine: Machine, key: tuple[str, ...], message: str, hint: str) ->
         text = file.read_text(encoding="utf-8-sig")
     except (OSError, ValueError):
         text = ""
-    return _error(file, text, key, message, hint)
+    return value_error(file, text, key, message, hint)
 
 
-def _toml_error(file: Traversable, text: str, message: str) -> MachineFileError:
+def toml_error(
+    file: Traversable, text: str, message: str, code: str = "machine-file-syntax"
+) -> MachineFileError:
     """Return the TOML parser's message, with the location as line and column instead of words."""
     match = re.search(r" \(at (?:line (\d+), column (\d+)|end of document)\)", message)
     lines = text.splitlines()
     line, column = (int(match[1]), int(match[2])) if match and match[1] else (max(len(lines), 1), 0)
+    file_kind = code.split("-")[0]
     return MachineFileError(
         Diagnostic(
-            "machine-file-syntax",
+            code,
             message[: match.start()] if match else message,
             file=str(file),
             line=line,
             column=column,
             text=lines[line - 1] if line <= len(lines) else "",
-            hint="the machine file is TOML: [table] lines, and key = value with text in quotes",
+            hint=f"the {file_kind} file is TOML: [table] lines, and key = value with text in quotes",
         )
     )
 
 
-def _error(
+def value_error(
     file: Traversable,
     text: str,
     key: tuple[str, ...],
@@ -453,6 +456,7 @@ def _error(
     hint: str = "",
     code: str = "machine-file",
 ) -> MachineFileError:
+    """Return an error at a key of a file."""
     place = locate(text, key)
     return MachineFileError(
         Diagnostic(
@@ -468,12 +472,26 @@ def _error(
     )
 
 
-def _validation_error(
-    file: Traversable, text: str, error: ValidationError, table: tuple[str, ...] = ()
+def validation_error(
+    file: Traversable,
+    text: str,
+    error: ValidationError,
+    table: tuple[str, ...] = (),
+    *,
+    names: Sequence[str] = (),
+    code: str = "machine-file",
 ) -> MachineFileError:
     """Return the first of pydantic's errors with a message in plain terms.
 
     Unknown keys come first, because a misspelt key is reported as a missing key, too.
+
+    Args:
+        file: The file.
+        text: Its text.
+        error: The errors.
+        table: The table that was validated.
+        names: Keys of another kind of file; none for those of a machine file.
+        code: Code of the error.
     """
     fault = sorted(error.errors(include_url=False), key=lambda e: not _is_unknown_key(e))[0]
     # pydantic appends its own locations to the key (an index, "[key]"); users see the keys only.
@@ -481,12 +499,12 @@ def _validation_error(
     if key[0] == "kinematics" and len(key) > 2:
         key = ("kinematics", *key[2:])  # pydantic names the type of the kinematics, too
     if _is_unknown_key(fault):
-        return _unknown_key(file, text, key)
+        return _unknown_key(file, text, key, names or _names_beside(key), code)
     kind = fault["type"]
     context = fault.get("ctx", {})
     if kind == "union_tag_not_found":
         kinds = ", ".join(kind for model in KINEMATICS for kind in model.kinds())
-        return _error(file, text, ("kinematics",), f"type is missing: {kinds}")
+        return value_error(file, text, ("kinematics",), f"type is missing: {kinds}")
     if kind == "value_error":
         message = str(context["error"])
     elif kind == "missing" and isinstance(fault["loc"][-1], int):
@@ -498,7 +516,7 @@ def _validation_error(
         message = fault["msg"]
     if kind != "missing" and isinstance(fault["input"], str | int | float):
         message += f", not {_toml(fault['input'])}"
-    return _error(file, text, key, message)
+    return value_error(file, text, key, message, code=code)
 
 
 def _is_unknown_key(error: Any) -> bool:
@@ -511,26 +529,26 @@ def _toml(value: str | int | float) -> str:
     return f'"{value}"' if isinstance(value, str) else str(value)
 
 
-def _unknown_key(file: Traversable, text: str, key: tuple[str, ...]) -> MachineFileError:
-    names: list[str]
-    if len(key) == 1:
-        names = [
-            "machine",
-            *(name for name in Machine.model_fields if name not in (*Header.model_fields, "file")),
-        ]
-    elif key[0] == "kinematics":
-        fields = [*dict.fromkeys(field for model in KINEMATICS for field in model.model_fields)]
-        names = fields
-    elif key[0] in ("axes", "joints"):
-        if len(key) > 3:
-            names = list((Motor if key[2] == "motors" else Homing).model_fields)
-        else:
-            names = list(Axis.model_fields if len(key) > 2 else AXIS_LETTERS)
-    else:
-        names = list(_section(key).model_fields)
+def _unknown_key(
+    file: Traversable, text: str, key: tuple[str, ...], names: Sequence[str], code: str
+) -> MachineFileError:
     close = difflib.get_close_matches(key[-1].lower(), names, n=1, cutoff=0.6)
     hint = f"did you mean {close[0]}?" if close else f"known keys: {', '.join(names)}"
-    return _error(file, text, key, "there is no such key", hint)
+    return value_error(file, text, key, "there is no such key", hint, code)
+
+
+def _names_beside(key: tuple[str, ...]) -> list[str]:
+    """Return the keys of the table of a machine file in which a key stands."""
+    if len(key) == 1:
+        names = (name for name in Machine.model_fields if name not in Header.model_fields)
+        return ["machine", *(name for name in names if name != "file")]
+    if key[0] == "kinematics":
+        return [*dict.fromkeys(field for model in KINEMATICS for field in model.model_fields)]
+    if key[0] in ("axes", "joints"):
+        if len(key) > 3:
+            return list((Motor if key[2] == "motors" else Homing).model_fields)
+        return list(Axis.model_fields if len(key) > 2 else AXIS_LETTERS)
+    return list(_section(key).model_fields)
 
 
 def _section(key: tuple[str, ...]) -> type[Section]:
@@ -552,7 +570,7 @@ def _with_absolute_files(machine: Machine, file: Traversable, text: str) -> Mach
     folder = file.resolve().parent
     for key, path in program.files():
         if not (folder / path).exists():
-            raise _error(file, text, ("program", key), f"there is no {folder / path}")
+            raise value_error(file, text, ("program", key), f"there is no {folder / path}")
     absolute = program.model_copy(
         update={
             "tool_table": program.tool_table and folder / program.tool_table,
@@ -609,6 +627,12 @@ def machine_schema() -> dict[str, Any]:
         "times in s.",
         "properties": {"machine": header, **keys},
     }
+
+
+def section_schema(model: type[Section], title: str) -> dict[str, Any]:
+    """Return the JSON Schema of a file that a model describes."""
+    schema = model.model_json_schema(schema_generator=_TomlSchema)
+    return {"$schema": DRAFT, **schema, "title": title}
 
 
 def _allow_axes_of_joints(models: dict[str, Any], axes: dict[str, Any]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import TYPE_CHECKING, Literal, TypeVar
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from cnc.checks.selection import ASSUMPTIONS, Selection
 from cnc.model.blocks import Block
-from cnc.model.diagnostics import Diagnostic
+from cnc.model.diagnostics import Diagnostic, GcodeError
 from cnc.model.operator_control import Control
 from cnc.model.streams import PulseChunk
 from cnc.planner.plan import PlanChunk
@@ -195,6 +195,10 @@ class Observer:
             self._assumptions.setdefault(finding.code, f"line {finding.line}: {finding.message}")
         place = (finding.code, finding.file, finding.line, finding.column)
         if place in self._reported or not self._selection.wants(finding):
+            return
+        if finding.code in self._selection.errors:
+            self._reported.add(place)
+            report.faults.append(GcodeError(replace(finding, severity="error")))
             return
         if sum(warning.code == finding.code for warning in report.warnings) >= MOST_WARNINGS:
             report.hidden_warnings += 1
