@@ -443,7 +443,8 @@ def toml_error(
             line=line,
             column=column,
             text=lines[line - 1] if line <= len(lines) else "",
-            hint=f"the {file_kind} file is TOML: [table] lines, and key = value with text in quotes",
+            hint=f"the {file_kind} file is TOML: [table] lines, "
+            "and key = value with text in quotes",
         )
     )
 
