@@ -38,6 +38,7 @@ from cnc.planner.phases import (
     first_steady,
     plan_to_rest,
     release,
+    steady_from,
 )
 
 # Ramps to rest: the shortest one on a straight path, and those with which a search begins.
@@ -434,7 +435,7 @@ def slower_plan(request: Request, slow_from: float) -> SlowerPlan | None:
         legal, faster = refine(plan, lowered(known), limits.arrays, True)
         if legal and not exceeding_sections(path, faster, known):
             plan = faster
-        return SlowerPlan(plan, _steady_from(plan, 0), slow_from, slowing)
+        return SlowerPlan(plan, steady_from(plan, 0), slow_from, slowing)
     end = min(request.goal, s + HORIZON * limits.stopping_distance(fastest, any_direction=True))
     near = path.intervals(slowing, s, end)
     here = between(near, s, s + limits.stopping_distance(v, any_direction=True))
@@ -455,13 +456,6 @@ def slower_plan(request: Request, slow_from: float) -> SlowerPlan | None:
     ramp, phases = found
     behind = float(phases[ramp]["s"]) if ramp < len(phases) else request.goal
     return SlowerPlan(phases, ramp, max(slow_from, behind), slowing)
-
-
-def _steady_from(phases: Phases, first: int) -> int:
-    """Return the number of phases before the first point without acceleration from one on."""
-    if first == len(phases) or phases[first]["a"] == 0.0:
-        return first
-    return first + first_steady(phases[first:])
 
 
 def rests_soon(request: Request) -> bool:
