@@ -253,6 +253,11 @@ Ramp = tuple[Phases, float]
 HORIZON = 8.0
 """Motion is slowed within this many stopping distances, or not at all."""
 
+CROSSING = 10.0
+"""The horizon is farther by so many periods at the speed: slow motion rests in a shorter length than
+that of a junction, which it has to cross before.
+"""
+
 MARGIN = 1e-8
 """Relative: larger than the margin for rounding of the bounds on speed."""
 
@@ -547,6 +552,7 @@ class _Search:
         fastest = max(v, float(request.plan[0]["v"]))
         self.before_limits = replace(self.slowing, slowing_from=fastest * (1.0 + MARGIN))
         self.far_off = HORIZON * limits.stopping_distance(v, any_direction=True)
+        self.far_off += CROSSING * limits.period * v
         horizon = min(goal, s + self.far_off)
         self.near = path.intervals(self.slowing, s, horizon)
         self.before = []
@@ -655,5 +661,8 @@ def _beyond_flat(known: Intervals, s: float) -> float:
             k += 1
         if k == count:
             return inf
-        s = 0.5 * float(end[k - 1] + end[k]) if k > 0 else s
+        if k > 0:
+            # Just behind it, where a slow motion rests, but by more than rounding.
+            behind = float(end[k - 1])
+            s = behind + min(0.5 * (float(end[k]) - behind), 4.0 * rounding_of(behind))
     return s
