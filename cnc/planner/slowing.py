@@ -254,8 +254,8 @@ HORIZON = 8.0
 """Motion is slowed within this many stopping distances, or not at all."""
 
 CROSSING = 10.0
-"""The horizon is farther by so many periods at the speed: slow motion rests in a shorter length than
-that of a junction, which it has to cross before.
+"""The horizon is farther by so many periods at the speed: slow motion rests in a shorter length
+than that of a junction, which it has to cross before.
 """
 
 MARGIN = 1e-8
