@@ -279,8 +279,9 @@ def _raised(clock: Phases, known: Intervals, machine: LimitArrays, end: float) -
     last, length = float(ahead.end[-1]), float(ahead.end[-1]) - start
     end = min(end, float(bounded.speed[-1]))
     rest = Intervals._make(array[-1:] for array in bounded)
-    crossed = rest._replace(end=rest.end + CROSSED * length, speed=np.array([end]))
-    crossed.flat[:] = True
+    crossed = rest._replace(
+        end=rest.end + CROSSED * length, speed=np.array([end]), flat=np.ones(1, np.bool_)
+    )
     rest = rest._replace(
         end=crossed.end + length,
         speed=np.array([end]),
