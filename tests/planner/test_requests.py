@@ -55,7 +55,7 @@ PROGRAMS = [
     (family, number) for family in FAMILIES for number in range(REQUESTS // (EACH * len(FAMILIES)))
 ]
 
-FOUND = [
+ONCE_LATE = [
     # The motion is slow in a bend, and rests within 0.4 s; it is above the new feed between.
     ("exact NURBS", 68, 2070658700),
     # The feed changes on a leg, at the end of which a corner is passed.
@@ -70,7 +70,7 @@ FOUND = [
 
 
 @pytest.mark.parametrize(
-    ("family", "number", "seed"), [*((*each, None) for each in PROGRAMS), *FOUND]
+    ("family", "number", "seed"), [*((*each, None) for each in PROGRAMS), *ONCE_LATE]
 )
 def test_a_request_takes_effect_within_the_promised_time(
     family: str, number: int, seed: int | None, tmp_path: Path
