@@ -7,23 +7,24 @@ r(u(t)), with
     velocity r' u',   acceleration r'' u'^2 + r' u'',   jerk r''' u'^3 + 3 r'' u' u'' + r' u'''
 
 in each axis, and likewise along the path with the speed for r'. So the clock u is a coordinate
-along a path with these derivatives, and the plan so far is u' = 1:
+along a path with these derivatives, and the plan so far is a motion along it:
 
-     u' |----.             wanted: the new feed as a part of the largest speed
-        |     `.
-        |       `-------   a slower copy, to the end of the chain
-        +-----------------
+     u' |----.                   as planned
+        |     `.      ,--.    ,--   raised, where the limits leave room and the feed is higher
+        |       `----'    `--'      a slower copy, which keeps all feeds
+        +-----------------------
 
-The clock slows as that of the window's plan does (:mod:`cnc.planner.kernels.slowed_clock`). At
-u' > 1 the limits leave no room at any instant with an axis at its limit. So a motion may be made
-faster only as far as all of it stays inside the limits, and behind the ramp up it comes back to
-u' = 1 at the end of the chain.
+The clock slows as that of the window's plan does (:mod:`cnc.planner.kernels.slowed_clock`), to a
+copy that keeps the feeds of all legs. The copy is slower than need be on most of the path. So the
+clock is planned anew behind the ramp, as motion along a path is: for parts of each timed piece it
+has the rate at which the motion keeps the feed of its leg, and bounds for the change of that rate.
+Where the motion is at its limits they leave no room, and the clock keeps its rate.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
-from math import ceil, inf, sqrt
+from math import inf
 from typing import NamedTuple
 
 import numpy as np
@@ -33,30 +34,41 @@ from cnc.path.chunk import PathChunk
 from cnc.path.kernels.curve import curve_eval
 from cnc.planner.corners import empty_path, new_chunk, numbered, path_arrays
 from cnc.planner.finished import ChainLeft
-from cnc.planner.kernels.arrays import PHASE, LimitArrays, Phases, phase_at
+from cnc.planner.kernels.arrays import PHASE, LimitArrays, Phases
 from cnc.planner.kernels.corner_hold import Chained, stop_within
 from cnc.planner.kernels.corner_legs import LEG_STEPS, MOST_STEPS
 from cnc.planner.kernels.corner_pieces import steps_size
 from cnc.planner.kernels.intervals import LEVELS, SAMPLES, Intervals
+from cnc.planner.kernels.lookahead import PLANNED, plan_window
+from cnc.planner.kernels.slowed_clock import pace_wanted
 from cnc.planner.kernels.timed import timed_motion
+from cnc.planner.known_path import between, joined
 from cnc.planner.limits import Limits
-from cnc.planner.phases import cut_at_length
+from cnc.planner.phases import cut_at_length, end_of, steady_from
 from cnc.planner.plan import PlanChunk, empty_plan, first_piece
 from cnc.planner.slowing import KEPT, copy_by_clock
 
 Floats = NDArray[np.float64]
 
-GAIN = 1.05
-"""A clock that would be faster by less stays as it is."""
+PARTS = 8
+"""Equal parts of a timed piece with bounds of their own: the speed along a piece varies."""
 
 USED = 0.9
-"""Part of the fastest even clock to which it speeds up: the rest is for the ramp."""
+"""Part of the fastest even rate that a clock reaches: the rest is for the change of its rate."""
 
 INSIDE = 1.0 - 1e-3
-"""Part of the limits that a faster clock uses."""
+"""Part of feeds and limits that a raised clock uses."""
 
-HALVINGS = 6
-"""Number of times that the gain of a faster clock is halved to fit into the rest of a chain."""
+WORTHWHILE = 0.01
+"""A clock that saves a smaller part of the time stays as it is."""
+
+CROSSED = 1e-3
+"""Part of the rest of a chain: for so long behind it the clock keeps its rate."""
+
+NEAR_END = 1.5e-9
+"""mm; a phase that ends so near to the end of a timed piece ends there. The audit compares the
+motion on both sides of a place so near to it.
+"""
 
 
 class CornerStop(NamedTuple):
@@ -140,61 +152,105 @@ def under_clock(left: ChainLeft, legs: PathChunk, limits: Limits) -> OtherClock 
         limits: of the machine, with the override.
     """
     plan = left.plan
-    changing = np.flatnonzero((plan.phase_a[:-1] != 0.0) | (plan.phase_j != 0.0))
-    # A clock that changes goes on to the end of its ramp.
-    first = int(changing[-1]) + 1 if len(changing) else 0
-    if first == len(plan.phase_j):
-        return None
-    known, speed = _timed_intervals(plan, first)
-    leg = [
-        left.legs - ceil((len(plan.path) - first_piece(plan, m)) / LEG_STEPS)
-        for m in range(first, len(plan.phase_j))
-    ]
+    timed = _timed(plan)
+    piece = np.searchsorted(timed.ends[1:-1], timed.known.sampled[:, 0], side="right")
+    leg = left.legs - -(-(len(plan.path) - piece) // LEG_STEPS)
+    speed = timed.known.samples[:, :, 0, -1].max(axis=1)
+    known, machine, clock = timed.known, _with_path(limits), timed.clock
     with np.errstate(divide="ignore"):
-        wanted = float((limits.feeds(legs)[leg] / speed).min())
+        with_feeds = known._replace(top=limits.feeds(legs)[leg] / speed)
+    wanted, count = pace_wanted(clock, with_feeds), 0
     if wanted < KEPT:
-        clock = _slower(known, float(speed[0]), wanted, limits)
-    else:
-        clock = _faster(known, wanted, limits)
-    return None if clock is None else _with_clock(plan, first, known, clock)
+        v = float(speed[0] * clock[0]["v"])
+        # On a straight ramp to rest the mean speed is half of that at the start.
+        ramp = 2.0 * limits.stopping_distance(v, any_direction=True) / v if v > 0.0 else inf
+        # Another beginning is tried with the next slice.
+        if not ramp < plan.duration:
+            return None
+        slower = copy_by_clock(clock, ramp, known, machine, wanted, later=())
+        if slower is None or slower[1]["duration"][: slower[0]].sum() >= plan.duration:
+            return None
+        count, clock = slower
+    first, end_rate = steady_from(clock, count), end_of(timed.clock)[1]
+    raised = _raised(clock[first:], with_feeds, machine, end_rate)
+    if raised is not None:
+        clock = np.concatenate((clock[:first], raised))
+    if not count and clock["duration"].sum() > (1.0 - WORTHWHILE) * plan.duration:
+        return None
+    return OtherClock(_with_clock(plan, timed, clock), end_of(clock)[1] / end_rate)
 
 
-def _timed_intervals(plan: PlanChunk, first: int) -> tuple[Intervals, Floats]:
-    """Return the phases from one on as intervals of time, and the largest speed of each, mm/s.
+class _Timed(NamedTuple):
+    """A motion past corners as one along a path, of which the coordinate is a time.
 
-    Behind the axes, a further column has the speed along the path and its derivatives.
+    Attributes:
+        known: parts of the pieces as intervals of that time, from the start of the plan on. Behind
+            the axes, a further column has the speed along the path and its derivatives.
+        rate: (pieces,): the plan's coordinate along each piece per unit of that time.
+        ends: (pieces + 1,): the time at the ends of the pieces; the first may be negative.
+        clock: the plan.
     """
-    path, count, axes = plan.path, len(plan.phase_j) - first, len(plan.path.axes)
-    t = plan.phase_t[first:] - plan.phase_t[first]
-    q, samples = np.empty((4, axes)), np.empty((count, SAMPLES, 3, axes + 1))
-    for m in range(count):
-        k, v = first_piece(plan, first + m), float(plan.phase_v[first + m])
+
+    known: Intervals
+    rate: Floats
+    ends: Floats
+    clock: Phases
+
+
+def _timed(plan: PlanChunk) -> _Timed:
+    """Return a motion past corners along its time; its rate is 1 at the start of the plan.
+
+    The time goes on evenly from one piece to the next, and so does a clock. So the speeds of the
+    plan along two pieces, where they meet, show the ratio of their rates.
+    """
+    path, count = plan.path, len(plan.path)
+    rows = np.zeros(len(plan.phase_j), PHASE)
+    rows["duration"], rows["j"] = np.diff(plan.phase_t), plan.phase_j
+    rows["v"], rows["a"] = plan.phase_v[:-1], plan.phase_a[:-1]
+    t = rows["duration"]
+    behind = rows["v"] + t * (rows["a"] + 0.5 * t * rows["j"])
+    piece = np.array([first_piece(plan, m) for m in range(len(rows))])
+    rate = np.ones(count)
+    rate[piece[0]] = rows["v"][0]
+    for m in range(1, len(rows)):
+        if piece[m] != piece[m - 1]:
+            rate[piece[m]] = rate[piece[m - 1]] * rows["v"][m] / behind[m - 1]
+    span = path.length / rate
+    begin = np.cumsum(np.append(0.0, span[:-1])) - plan.phase_s[0] / rate[0]
+    rows["s"] = begin[piece] + (plan.phase_s[:-1] - plan.piece_s[piece]) / rate[piece]
+    for name in ("v", "a", "j"):
+        rows[name] /= rate[piece]
+    axes, n = len(path.axes), count * PARTS
+    q, samples = np.empty((4, axes)), np.empty((n, SAMPLES, 3, axes + 1))
+    for m in range(n):
+        k, before = divmod(m, PARTS)
         at = int(path.at[k])
-        for n in range(SAMPLES):
-            s = plan.phase_s[first + m] + v * (t[m + 1] - t[m]) * n / (SAMPLES - 1)
-            u = min(max(float(s - plan.piece_s[k]), 0.0), float(path.length[k]))
+        for point in range(SAMPLES):
+            u = float(path.length[k]) * (before + point / (SAMPLES - 1)) / PARTS
             curve_eval(int(path.kind[k]), path.data, at, u, q)
             for order in range(3):
-                samples[m, n, order, :axes] = q[order + 1] * v ** (order + 1)
-            samples[m, n, :, axes] = timed_motion(path.data, at, q, v, 0.0, 0.0)[:3]
-    one, free = np.ones(count), np.full((count, LEVELS), inf)
+                samples[m, point, order, :axes] = q[order + 1] * rate[k] ** (order + 1)
+            samples[m, point, :, axes] = timed_motion(path.data, at, q, rate[k], 0.0, 0.0)[:3]
+    ends = begin[:, None] + span[:, None] * np.arange(PARTS + 1) / PARTS
+    one, free = np.ones(n), np.full((n, LEVELS), inf)
     known = Intervals(
-        end=t[1:],
+        end=ends[:, 1:].reshape(-1),
         speed=one,
-        top=one,
+        top=np.full(n, inf),
         accel=free,
         jerk=free,
-        flat=np.zeros(count, np.bool_),
+        flat=np.zeros(n, np.bool_),
         share=one,
-        reliable=np.full(count, inf),
-        sampled=np.stack((t[:-1], t[1:]), axis=1),
+        reliable=np.full(n, inf),
+        sampled=np.stack((ends[:, :-1].reshape(-1), ends[:, 1:].reshape(-1)), axis=1),
         samples=samples,
     )
-    return known, samples[:, :, 0, axes].max(axis=1)
+    known = between(known, 0.0, inf)
+    return _Timed(known, rate, np.append(begin, begin[-1] + span[-1]), rows)
 
 
 def _with_path(limits: Limits) -> LimitArrays:
-    """Return the limits of the columns of :func:`_timed_intervals`."""
+    """Return the limits of the columns of :class:`_Timed`."""
     machine = limits.arrays
     return machine._replace(
         tangential_acceleration=inf,
@@ -205,109 +261,102 @@ def _with_path(limits: Limits) -> LimitArrays:
     )
 
 
-def _slower(known: Intervals, v: float, wanted: float, limits: Limits) -> Phases | None:
-    """Return phases of the clock that slow it to a part of its rate; None for none.
+def _raised(clock: Phases, known: Intervals, machine: LimitArrays, end: float) -> Phases | None:
+    """Return a clock that is as fast as bounds for each interval allow; None for none.
 
     Args:
+        clock: the clock so far, from a place on at which its rate is constant.
         known: the motion as intervals of time.
-        v: its speed at the start, mm/s.
-        wanted: part of the rate.
-        limits: of the machine.
+        machine: the limits of its columns.
+        end: largest rate at the end.
     """
-    left = float(known.end[-1])
-    # On a straight ramp to rest the mean speed is half of that at the start.
-    ramp = 2.0 * limits.stopping_distance(v, any_direction=True) / v if v > 0.0 else inf
-    if not ramp < left:
+    if not len(clock):
         return None
-    begins = np.concatenate(([0.0], known.end[:-1]))
-    plan = np.zeros(len(begins), PHASE)
-    plan["duration"], plan["s"], plan["v"] = known.end - begins, begins, 1.0
-    # Another beginning is tried with the next slice.
-    found = copy_by_clock(plan, ramp, known, _with_path(limits), wanted, later=())
-    if found is None:
-        return None
-    count, phases = found
-    return phases if float(phases["duration"][:count].sum()) < left else None
-
-
-def _faster(known: Intervals, wanted: float, limits: Limits) -> Phases | None:
-    """Return phases of the clock that raise its rate for a while; None for none.
-
-    The ramps keep to bounds for the largest values of each axis, wherever these are.
-
-    Args:
-        known: the motion as intervals of time.
-        wanted: the rate.
-        limits: of the machine.
-    """
-    v, a, j = np.abs(known.samples).max(axis=(0, 1))
-    machine, moves = _with_path(limits), v > 0.0
-    v, a, j = v[moves], a[moves], j[moves]
-    most_v, most_a, most_j = (
-        INSIDE * each[moves]
-        for each in (machine.axis_velocity, machine.axis_acceleration, machine.axis_jerk)
+    start, rate = float(clock[0]["s"]), float(clock[0]["v"])
+    ahead = between(known, start, float(known.end[-1]))
+    bounded = _bounded(ahead, machine, rate)
+    # At its end the clock keeps its rate; it may rest behind.
+    last, length = float(ahead.end[-1]), float(ahead.end[-1]) - start
+    end = min(end, float(bounded.speed[-1]))
+    rest = Intervals._make(array[-1:] for array in bounded)
+    crossed = rest._replace(
+        end=rest.end + CROSSED * length, speed=np.array([end]), flat=np.ones(1, np.bool_)
     )
-    with np.errstate(divide="ignore"):
-        rates = (most_v / v).min(), np.sqrt(most_a / a).min(), np.cbrt(most_j / j).min()
-    left, rate = float(known.end[-1]), min(wanted, USED * float(min(rates)))
-    if not rate < inf:
+    rest = rest._replace(
+        end=crossed.end + length,
+        speed=np.array([end]),
+        accel=np.full((1, LEVELS), 10.0 * end**2 / length),
+        jerk=np.full((1, LEVELS), 100.0 * end**3 / length**2),
+        flat=np.zeros(1, np.bool_),
+    )
+    phases = np.empty(8 * (len(bounded.end) + 2) + 16, PHASE)
+    whole = joined((bounded, crossed, rest), (0.0, 0.0, 0.0))
+    status, written = plan_window(start, whole, rate, phases)
+    if status != PLANNED:
         return None
-    for _ in range(HALVINGS):
-        if rate < GAIN:
-            return None
-        with np.errstate(divide="ignore", invalid="ignore"):
-            spare = most_j - j * rate**3
-            change = min(((most_a - a * rate**2) / v).min(), (spare / (6.0 * a * rate)).min())
-            sudden = ((spare - 3.0 * a * rate * change) / v).min()
-        if not sudden > 0.0:
-            return None
-        gain = rate - 1.0
-        if gain >= change**2 / sudden:
-            bend, steady = change / sudden, gain / change - change / sudden
-        else:
-            bend, steady = sqrt(gain / sudden), 0.0
-        # Half of both ramps is at either side of their mean rate.
-        cruise = left - (2.0 * bend + steady) * (1.0 + rate)
-        if cruise > 0.0:
-            steps = [(bend, sudden), (steady, 0.0), (bend, -sudden), (cruise / rate, 0.0)]
-            steps += [(bend, -sudden), (steady, 0.0), (bend, sudden)]
-            rows, state = [], (0.0, 1.0, 0.0)
-            for duration, jerk in steps:
-                if duration > 0.0:
-                    rows.append((duration, *state, jerk))
-                    state = phase_at(duration, *state, jerk)
-            return np.array(rows, PHASE)
-        rate = 1.0 + 0.5 * gain
-    return None
+    phases = phases[:written]
+    return cut_at_length(phases[phases["duration"] > 0.0], last)[0]
 
 
-def _with_clock(plan: PlanChunk, first: int, known: Intervals, clock: Phases) -> OtherClock:
-    """Return a plan of which the phases from one on are under a clock."""
+def _bounded(known: Intervals, machine: LimitArrays, rate: float) -> Intervals:
+    """Return intervals of time with bounds on the rate of a clock and on its derivatives.
+
+    Half of what the motion at a rate leaves of a limit of jerk is for the second derivative, the
+    rest for the third. Where the limits leave no room at ``rate``, it has to stay.
+    """
+    v, a, j = (np.abs(known.samples[:, :, order]).max(axis=1) for order in range(3))
+    most_v, most_a, most_j = (
+        INSIDE * limit
+        for limit in (machine.axis_velocity, machine.axis_acceleration, machine.axis_jerk)
+    )
+    with np.errstate(divide="ignore", invalid="ignore"):
+        even = np.minimum(np.sqrt(most_a / a), np.cbrt(most_j / j)).min(axis=1)
+        fastest = np.minimum(USED * even, (most_v / v).min(axis=1))
+        feed = np.maximum(INSIDE * known.top, np.minimum(known.top, rate))
+        kept = np.minimum(rate, feed)
+        flat = fastest <= kept
+        speed = np.where(flat, kept, np.minimum(feed, fastest))
+        accel, jerk = np.empty((2, len(speed), LEVELS))
+        for level in range(LEVELS):
+            r = (speed * (1.0 - 0.1 * level))[:, None]
+            spare = most_j - j * r**3
+            change = np.fmin((most_a - a * r**2) / v, spare / (6.0 * a * r)).min(axis=1)
+            sudden = (spare - 3.0 * a * r * change[:, None]) / v
+            accel[:, level] = np.where(flat, 0.0, change)
+            jerk[:, level] = np.where(flat, 0.0, np.nanmin(sudden, axis=1))
+    return known._replace(speed=speed, top=speed, accel=accel, jerk=jerk, flat=flat)
+
+
+def _with_clock(plan: PlanChunk, timed: _Timed, clock: Phases) -> PlanChunk:
+    """Return a motion past corners under another clock."""
     rows = []
-    for m in range(len(known.end)):
-        rate, before = float(plan.phase_v[first + m]), float(known.end[m - 1]) if m else 0.0
+    for k in range(len(plan.path)):
         here, clock = clock, clock[:0]
-        if m + 1 < len(known.end):
-            here, clock = cut_at_length(here, float(known.end[m]))
+        if k + 1 < len(plan.path):
+            end = float(timed.ends[k + 1])
+            near = NEAR_END / timed.rate[k]
+            first, after = np.searchsorted(here["s"], (end - near, end + near)).tolist()
+            if 0 < first < after:
+                # The phases between two ends beside that of the piece last no time.
+                early, clock = here[first]["s"], here[after - 1 :].copy()
+                here = here[:first].copy()
+                here[-1]["duration"] += (end - early) / clock[0]["v"]
+                clock[0]["duration"] += (clock[0]["s"] - end) / clock[0]["v"]
+                clock[0]["s"] = end
+            else:
+                here, clock = cut_at_length(here, end)
         here = here.copy()
-        here["s"] = plan.phase_s[first + m] + rate * (here["s"] - before)
+        here["s"] = plan.piece_s[k] + timed.rate[k] * (here["s"] - timed.ends[k])
         for name in ("v", "a", "j"):
-            here[name] *= rate
+            here[name] *= timed.rate[k]
         rows.append(here)
     phases = np.concatenate(rows)
     # The clock ends without a change of its rate.
-    duration, _, v, a, j = phases[-1].tolist()
-    end = v + duration * (a + 0.5 * duration * j)
-    return OtherClock(
-        replace(
-            plan,
-            phase_t=np.concatenate(
-                (plan.phase_t[:first], plan.phase_t[first] + np.cumsum([0.0, *phases["duration"]]))
-            ),
-            phase_s=np.concatenate((plan.phase_s[:first], phases["s"], plan.phase_s[-1:])),
-            phase_v=np.concatenate((plan.phase_v[:first], phases["v"], [end])),
-            phase_a=np.concatenate((plan.phase_a[:first], phases["a"], [0.0])),
-            phase_j=np.concatenate((plan.phase_j[:first], phases["j"])),
-        ),
-        end / float(plan.phase_v[len(plan.phase_j) - 1]),
+    return replace(
+        plan,
+        phase_t=np.cumsum([0.0, *phases["duration"]]),
+        phase_s=np.append(phases["s"], plan.phase_s[-1]),
+        phase_v=np.append(phases["v"], end_of(phases)[1]),
+        phase_a=np.append(phases["a"], 0.0),
+        phase_j=phases["j"],
     )

@@ -522,6 +522,8 @@ class LookAhead:
         self._go_on(window, plan.t0 + plan.duration, behind.length, shared=behind.shared)
         self.audit.adopt(back.audit)
         self._window, self._rewind = window, self._rewind.up_to(behind.stops_time)
+        # A further request may come before the end of the chain.
+        self._rewind.keep(window)
         return True
 
     def _go_on(self, window: Window, time: float, length: float, *, shared: bool) -> None:

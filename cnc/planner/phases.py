@@ -95,6 +95,13 @@ def first_steady(phases: Phases) -> int:
     return int(steady[0]) + 1 if len(steady) else len(phases)
 
 
+def steady_from(phases: Phases, first: int) -> int:
+    """Return the number of phases before the first point without acceleration from one on."""
+    if first == len(phases) or phases[first]["a"] == 0.0:
+        return first
+    return first + first_steady(phases[first:])
+
+
 def first_rest(phases: Phases) -> int:
     """Return the number of phases up to the first rest after the start."""
     rests = np.flatnonzero((phases["v"][1:] == 0.0) & (phases["a"][1:] == 0.0))

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from cnc.model.blocks import Block, Dwell
 from cnc.model.motion_commands import joined
 from cnc.path.chunk import PathChunk
-from cnc.path.kernels.curve import Pieces
+from cnc.path.kernels.curve import LENGTH, LINE, START, Pieces
 from cnc.planner.kernels.arrays import PlanArrays
 from cnc.planner.kernels.corner_places import state_at
-from cnc.planner.kernels.legs import REST, record_end
+from cnc.planner.kernels.legs import REST, record_end, write_line
 
 Floats = NDArray[np.float64]
 
@@ -69,6 +69,9 @@ class PlanChunk:
 
 SAME = 1e-9
 """s; there is no rest between plans if their times differ by no more. Times are sums of floats."""
+
+SHORTEST = 1e-6
+"""mm; no line is parted so near to its ends: rounding would turn its direction."""
 
 
 def cut_at_time(plan: PlanChunk, time: float) -> tuple[int, PlanChunk]:
@@ -136,7 +139,8 @@ def joined_plans(before: PlanChunk, after: PlanChunk) -> PlanChunk:
     """Return two plans that follow each other as one.
 
     A phase or a piece that continues from one to the other becomes one. Where the operator has
-    changed the feed within a piece, the higher one counts for all of it.
+    changed the feed within a line, it stays two. Within a curve the higher feed counts for all of
+    it: no motion past a corner is made there.
     """
     a, b = before.path, after.path
     s = after.s0 - before.s0
@@ -146,15 +150,16 @@ def joined_plans(before: PlanChunk, after: PlanChunk) -> PlanChunk:
         and abs(before.phase_a[-1] - after.phase_a[0]) <= REST
         and after.phase_v[0] > 0.0
     )
-    shared = bool(after.phase_s[0] > REST)
-    path = joined_paths(a.part(0, len(a) - 1) if shared else a, b)
-    if shared:
-        path.feed[len(a) - 1] = max(a.feed[-1], b.feed[0])
+    piece_s = after.piece_s + s
+    if after.phase_s[0] > REST:
+        a, b, begin = _joint_piece(before, after, s)
+        piece_s[0] = begin
+    path = joined_paths(a, b)
     phases = slice(0, len(before.phase_j) - 1 if same else len(before.phase_j))
     rest = slice(1 if same else 0, None)
     return PlanChunk(
         path=path,
-        piece_s=np.concatenate((before.piece_s[: len(path) - len(b)], after.piece_s + s)),
+        piece_s=np.concatenate((before.piece_s[: len(a)], piece_s)),
         t0=before.t0,
         s0=before.s0,
         phase_t=np.concatenate((before.phase_t[:-1], after.phase_t[rest] + t)),
@@ -162,6 +167,70 @@ def joined_plans(before: PlanChunk, after: PlanChunk) -> PlanChunk:
         phase_v=np.concatenate((before.phase_v[:-1], after.phase_v[rest])),
         phase_a=np.concatenate((before.phase_a[:-1], after.phase_a[rest])),
         phase_j=np.concatenate((before.phase_j[phases], after.phase_j)),
+    )
+
+
+def _joint_piece(
+    before: PlanChunk, after: PlanChunk, shift: float
+) -> tuple[PathChunk, PathChunk, float]:
+    """Return the paths of two plans that meet inside of a piece, and where the second one begins.
+
+    ``shift`` leads from the arc lengths of ``after`` to those of ``before``.
+    """
+    a, b = before.path, after.path
+    begin, end = before.piece_s[-2:].tolist()
+    place = float(after.phase_s[0]) + shift
+    line = a.kind[-1] == b.kind[0] == LINE
+    changes = not np.array_equal(a.feed[-1:], b.feed[:1], equal_nan=True)
+    if line and changes and min(place - begin, end - place) > SHORTEST:
+        first = _line_part(a, len(a) - 1, 0.0, end - place)
+        corner = first.data[first.at[-1] + START + len(a.axes) :][: len(a.axes)]
+        last = _line_part(b, 0, float(after.phase_s[0]), 0.0, corner)
+        first.stop_after[-1], first.tolerance[-1] = False, 0.0
+        if last.commands is not None:
+            # They have taken effect at the start of the line.
+            last.commands[0] = None
+        return first, last, place
+    from_start = begin - shift
+    if line and from_start > REST:
+        # The line was parted before.
+        corner = a.data[a.at[-1] + START :][: len(a.axes)]
+        b = _line_part(b, 0, from_start, 0.0, corner)
+    else:
+        begin = shift
+    b = replace(b, feed=np.append(max(a.feed[-1], b.feed[0]), b.feed[1:]))
+    return a.part(0, len(a) - 1), b, begin
+
+
+def _line_part(
+    path: PathChunk, k: int, from_start: float, from_end: float, start: Floats | None = None
+) -> PathChunk:
+    """Return a copy of a path in which a line is shortened.
+
+    Args:
+        path: the path.
+        k: the line.
+        from_start: length taken off its start, mm.
+        from_end: length taken off its end, mm.
+        start: its new start, to the last bit.
+    """
+    data, at = _records(path)
+    like, count = int(at[k]), START + 2 * len(path.axes)
+    data, at = np.append(data, np.empty(count)), at.copy()
+    at[k] = len(data) - count
+    write_line(data, int(at[k]), like, from_start, from_end)
+    if start is not None:
+        data[at[k] + START :][: len(path.axes)] = start
+    length = path.length.copy()
+    length[k] = data[at[k] + LENGTH]
+    return replace(
+        path,
+        at=at,
+        data=data,
+        length=length,
+        stop_after=path.stop_after.copy(),
+        tolerance=path.tolerance.copy(),
+        commands=None if path.commands is None else path.commands.copy(),
     )
 
 

@@ -38,6 +38,7 @@ from cnc.planner.phases import (
     first_steady,
     plan_to_rest,
     release,
+    steady_from,
 )
 
 # Ramps to rest: the shortest one on a straight path, and those with which a search begins.
@@ -252,6 +253,11 @@ Ramp = tuple[Phases, float]
 HORIZON = 8.0
 """Motion is slowed within this many stopping distances, or not at all."""
 
+CROSSING = 10.0
+"""The horizon is farther by so many periods at the speed: slow motion rests in a shorter length
+than that of a junction, which it has to cross before.
+"""
+
 MARGIN = 1e-8
 """Relative: larger than the margin for rounding of the bounds on speed."""
 
@@ -434,7 +440,7 @@ def slower_plan(request: Request, slow_from: float) -> SlowerPlan | None:
         legal, faster = refine(plan, lowered(known), limits.arrays, True)
         if legal and not exceeding_sections(path, faster, known):
             plan = faster
-        return SlowerPlan(plan, _steady_from(plan, 0), slow_from, slowing)
+        return SlowerPlan(plan, steady_from(plan, 0), slow_from, slowing)
     end = min(request.goal, s + HORIZON * limits.stopping_distance(fastest, any_direction=True))
     near = path.intervals(slowing, s, end)
     here = between(near, s, s + limits.stopping_distance(v, any_direction=True))
@@ -455,13 +461,6 @@ def slower_plan(request: Request, slow_from: float) -> SlowerPlan | None:
     ramp, phases = found
     behind = float(phases[ramp]["s"]) if ramp < len(phases) else request.goal
     return SlowerPlan(phases, ramp, max(slow_from, behind), slowing)
-
-
-def _steady_from(phases: Phases, first: int) -> int:
-    """Return the number of phases before the first point without acceleration from one on."""
-    if first == len(phases) or phases[first]["a"] == 0.0:
-        return first
-    return first + first_steady(phases[first:])
 
 
 def rests_soon(request: Request) -> bool:
@@ -553,6 +552,7 @@ class _Search:
         fastest = max(v, float(request.plan[0]["v"]))
         self.before_limits = replace(self.slowing, slowing_from=fastest * (1.0 + MARGIN))
         self.far_off = HORIZON * limits.stopping_distance(v, any_direction=True)
+        self.far_off += CROSSING * limits.period * v
         horizon = min(goal, s + self.far_off)
         self.near = path.intervals(self.slowing, s, horizon)
         self.before = []
@@ -661,5 +661,8 @@ def _beyond_flat(known: Intervals, s: float) -> float:
             k += 1
         if k == count:
             return inf
-        s = 0.5 * float(end[k - 1] + end[k]) if k > 0 else s
+        if k > 0:
+            # Just behind it, where a slow motion rests, but by more than rounding.
+            behind = float(end[k - 1])
+            s = behind + min(0.5 * (float(end[k]) - behind), 4.0 * rounding_of(behind))
     return s

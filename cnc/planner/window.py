@@ -251,12 +251,15 @@ class Window:
         sections = self._path.sections
         while len(head):
             section = sections[0]
-            inside = end <= section.end + rounding_of(end)
-            here, head = (head, head[:0]) if inside else cut_at_length(head, section.end)
-            goal = end if inside else section.end
+            goal = min(end, section.end)
+            if float(head[0]["s"]) < plan.slow_from - rounding_of(end):
+                goal = min(goal, plan.slow_from)
+            if goal >= end - rounding_of(end):
+                goal = end
+            here, head = (head, head[:0]) if goal == end else cut_at_length(head, goal)
             if len(here):
                 v_end, a_end = (float(head[0]["v"]), float(head[0]["a"])) if len(head) else (v, a)
-                slows = float(here[0]["s"]) < plan.slow_from
+                slows = float(here[0]["s"]) < plan.slow_from - rounding_of(end)
                 limits = plan.slowing if slows else self.limits
                 chunk = section.plan_chunk(here, (goal, v_end, a_end), limits, self.clock.seconds)
                 self.clock.add(chunk)

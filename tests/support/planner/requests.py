@@ -29,18 +29,21 @@ Random = np.random.Generator
 
 
 class Program(NamedTuple):
-    """A program: its family, the path with the blocks between, and the machine."""
+    """A program: its family, the path with the blocks between, and the machine.
+
+    ``plans`` has the plans of runs without further requests, by the override: each is made once.
+    """
 
     family: str
     path: list[PathChunk | Block]
     machine: Machine
+    plans: dict[float, list[PlanChunk]]
 
 
 def of_blocks(family: str, blocks: list[Block], machine: Machine) -> Program:
     """Return the program of blocks for the axes or the joints of a machine."""
-    return Program(
-        family, list(path_of(blocks, machine, np.zeros(len(machine.axis_names)))), machine
-    )
+    path = list(path_of(blocks, machine, np.zeros(len(machine.axis_names))))
+    return Program(family, path, machine, {})
 
 
 def rosette(rng: Random) -> list[Block]:
@@ -124,10 +127,12 @@ def stop_time_of_joints(plan: PlanChunk, machine: Machine) -> float:
     )
 
 
-def plans_of(program: Program, control: Control) -> list[PlanChunk]:
-    """Return the plans of a run without further requests."""
-    items = LookAhead(program.machine, control).plan(program.path)
-    return [item for item in items if isinstance(item, PlanChunk)]
+def plans_of(program: Program, percent: float) -> list[PlanChunk]:
+    """Return the plans of a run at an override, without further requests."""
+    if percent not in program.plans:
+        items = LookAhead(program.machine, Control(percent)).plan(program.path)
+        program.plans[percent] = [item for item in items if isinstance(item, PlanChunk)]
+    return program.plans[percent]
 
 
 def line_begins(plans: list[PlanChunk]) -> dict[int, float]:
@@ -193,7 +198,7 @@ def answered(
             for line, feed in zip(item.line.tolist(), item.feed.tolist(), strict=True):
                 feeds[line] = max(feeds.get(line, 0.0), math.inf if math.isnan(feed) else feed)
     first = float(rng.choice((100.0, 100.0, 30.0, 60.0)))
-    plain = plans_of(program, Control(first))
+    plain = plans_of(program, first)
     if not plain:
         return None
     request = float(rng.choice(requests))
@@ -241,7 +246,7 @@ def answered(
         effect = end if math.isnan(rested) else rested
     effect = requested if math.isnan(effect) else effect
     behind = 0.0
-    at_feed = plans_of(program, Control(request or first))
+    at_feed = plans_of(program, request or first)
     mine, theirs = line_begins(sent), line_begins(at_feed)
     after = [line for line, time in mine.items() if time >= effect and line in theirs]
     if after:
