@@ -211,7 +211,12 @@ ERRORS = [
     ("profile-place", "G71 P1 Q2 D1. F0.1\nM8\nN1 G0 X30.\nN2 G1 Z-5.", "between"),
     ("profile-line", "G71 P1 Q2 D1. F0.1\nN1 G0 X30.\nM98 P5\nN2 G1 Z-5.", "no move"),
     ("profile-empty", "G71 P1 Q2 D1. F0.1\nN1 M8\nN2 M9", "no move"),
-    ("profile-start", "G71 P1 Q2 D1. F0.1\nN1 G0 X30.\nG1 Z-5.\nN2 X50.", "beyond the start"),
+    ("profile-line", "G71 P1 Q2 D1. F0.1\nN1 G0 X30.\nG70 P1 Q2\nN2 G1 Z-5.", "no move"),
+    (
+        "decimal-point-needed",
+        "G71 U1250 R500\nG71 P1 Q2 F0.1\nN1 G0 X30.\nN2 G1 Z-5.",
+        "U1250 is many times deeper",
+    ),
     ("profile-start", "G71 P1 Q2 D1. F0.1\nN1 G0 X30.\nN2 G1 X32.", "along Z"),
     ("profile-not-monotone", "G71 P1 Q2 D1. F0.1\nN1 G0 X30.\nG1 Z-9.\nX32.\nN2 Z-5.", "back"),
     ("profile-not-monotone", "G71 P1 Q2 D1. F0.1\nN1 G0 X30.\nG1 Z-5.\nN2 X20. Z-9.", "type II"),

@@ -44,6 +44,7 @@ from cnc.gcode.reader.words import G, LineWords, M, Word, fault, whole
 from cnc.gcode.turning import codes as turning
 from cnc.gcode.turning import threads
 from cnc.model.blocks import Abort, BoardCommand
+from cnc.model.units import MM_PER_INCH
 
 if TYPE_CHECKING:
     from cnc.gcode.turning.cycles import TurningCycles
@@ -318,6 +319,8 @@ class Interpreter:
             codes = codes_of(words.g, words.m, self.dialect)
         if extra:
             self._builder_codes.execute(words, extra)
+        if self.dialect.turning.least_increments:
+            self._take_least_increments(words, codes)
         if self.dialect.turning.increments:
             turning.take_increments(words, codes, self.dialect)
         codes = self.tool_codes.with_length(words, codes)
@@ -335,6 +338,15 @@ class Interpreter:
             self._builder_codes.pause(extra)
         if (corner := self.motion.corners.corner) is not None and corner.line != self.here.line:
             raise self.motion.corners.fault("a line without a move")
+
+    def _take_least_increments(self, words: LineWords, codes: Codes) -> None:
+        units, moving = codes.get("units"), codes.get("motion")
+        scale = self.modal.scale
+        if units is not None:
+            scale = MM_PER_INCH if units.number == G.G20 else 1.0
+        if (other := codes.get("non-modal")) and other.number == G.G4:
+            scale = 1.0  # the time counts milliseconds
+        turning.take_least_increments(words, moving.g.code if moving else 0.0, scale)
 
     def _is_program_number(self, words: LineWords) -> bool:
         is_number = (

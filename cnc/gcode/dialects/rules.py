@@ -203,6 +203,7 @@ class TurningRules:
     diameters: bool
     increments: str
     integer_unit: float
+    least_increments: bool
     tap_side: list[int]
     retract_is_distance: bool
     two_line_cycles: bool

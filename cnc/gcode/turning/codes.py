@@ -61,6 +61,28 @@ def take_increments(words: LineWords, codes: Codes, dialect: Dialect) -> None:
         rest[axis] = rest.pop(letter)
 
 
+_LENGTHS = frozenset((*"XYZUVWIKR", ",C", ",R"))
+"""Letters of lengths; P, Q and D of cycles have a rule of their own."""
+
+
+def take_least_increments(words: LineWords, at: float, scale: float) -> None:
+    """Read lengths without a decimal point as counts of the least input increment.
+
+    Source: FANUC, parameter 3401, bit 0 (DPI); "Operator's Manual", "Decimal point programming".
+
+    Args:
+        words: Words of the line.
+        at: The code of the line that takes its words, in system B; 0 for another one.
+        scale: mm of a program unit.
+    """
+    counts = 1000.0 if scale == 1.0 else 10_000.0
+    for letter in _LENGTHS & words.rest.keys():
+        word = words.rest[letter]
+        count = letter == "R" and at == G.G73.code and words.rest.keys().isdisjoint("PQ")
+        if "." not in word.written and "#" not in word.written and not count:
+            words.rest[letter] = replace(word, number=word.number / counts)
+
+
 class Turret(Executor):
     """Execution of T words on a lathe."""
 

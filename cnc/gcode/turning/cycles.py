@@ -162,12 +162,14 @@ class CycleSettings:
         retract: Retract of G71, G72, G74 and G75, mm.
         relief: Shift of the first pass of G73 in X (radius) and Z, mm; None if it was not given.
         passes: Number of passes of G73.
+        doubtful: The word of the depth if it has no decimal point, which controls read differently.
     """
 
     depth: float | None = None
     retract: float = RETRACT
     relief: tuple[float, float] | None = None
     passes: int = 1
+    doubtful: Word | None = None
 
 
 @dataclass(slots=True)
@@ -227,6 +229,8 @@ class TurningCycles(Executor):
             hint = f"give the lines from which the profile is read, or {letter} and the depth"
             raise fault("cycle-word-missing", f"{at.written} needs P and Q", at, hint)
         self.settings.depth = self.positive(depth, "the depth")
+        pointed = "." in depth.written or self._dialect.turning.least_increments
+        self.settings.doubtful = None if pointed else depth
         if retract:
             self.settings.retract = not_negative(retract, "the retract") * self._state.scale
 
@@ -262,6 +266,12 @@ class TurningCycles(Executor):
         Without it the cut is along an axis, where nose compensation changes nothing.
         """
         at = code.word if code else words.first()
+        if code and not words.has_axis() and "R" not in words.rest:
+            # Only the mode: G90 stands in the safe lines of many programs.
+            self._staying = _Staying()
+            message = f"{at.written} is a turning cycle here; without X or Z it makes no move"
+            self._here.report_warning("code-without-effect", message, at, "remove it")
+            return
         tapered = "R" in words.rest or (code is None and "R" in self._staying.words)
         with nullcontext() if tapered else self.moves.uncompensated(at):
             self._turn_once(words, code, at)
