@@ -321,6 +321,10 @@ class Interpreter:
             self._builder_codes.execute(words, extra)
         if self.dialect.turning.least_increments:
             self._take_least_increments(words, codes)
+        if self.dialect.turning.lathe and "non-modal" not in codes:
+            moving = codes.get("motion")
+            if (moving.number if moving else self.modal.motion) == G.G1:
+                turning.take_corners(words, self.motion.column)
         if self.dialect.turning.increments:
             turning.take_increments(words, codes, self.dialect)
         codes = self.tool_codes.with_length(words, codes)

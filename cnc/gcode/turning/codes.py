@@ -8,6 +8,7 @@ function", "Tool offset", "Absolute and incremental programming"; Haas, "Lathe O
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 from cnc.gcode.core.context import Executor
@@ -81,6 +82,32 @@ def take_least_increments(words: LineWords, at: float, scale: float) -> None:
         count = letter == "R" and at == G.G73.code and words.rest.keys().isdisjoint("PQ")
         if "." not in word.written and "#" not in word.written and not count:
             words.rest[letter] = replace(word, number=word.number / counts)
+
+
+_CORNERS = {"R": ",R", "C": ",C", "I": ",C", "K": ",C", "A": ",A"}
+"""Words of a straight move without the comma, and those that mean the same."""
+
+
+def take_corners(words: LineWords, columns: Mapping[str, int]) -> None:
+    """File R, C, I, K and A of a G1 as ,R ,C and ,A.
+
+    R is a round, I (behind a move along Z) and K (along X) are the legs of a chamfer, whose signs
+    say where the next move goes. C and A are words of axes where the machine has them. Source:
+    FANUC, "Operator's Manual for Lathe System", "Chamfering and corner R", "Direct drawing
+    dimension programming"; Haas, "Lathe Operator's Manual", G01.
+
+    Args:
+        words: Words of the line of a G1.
+        columns: Axes of the machine.
+    """
+    if words.rest.keys().isdisjoint("XZUW"):
+        return
+    for letter in words.rest.keys() & _CORNERS.keys():
+        meant = _CORNERS[letter]
+        if letter not in columns and meant not in words.rest:
+            word = words.rest.pop(letter)
+            size = word.number if letter == "A" else abs(word.number)
+            words.rest[meant] = replace(word, letter=meant, number=size)
 
 
 class Turret(Executor):

@@ -262,8 +262,9 @@ class TurningCycles(Executor):
     def turn_once(self, words: LineWords, code: Code | None) -> None:
         """Execute G77 (along Z) or G79 (along X): in, cut, out, back.
 
-        R is the difference between the start and the end of the cut: of X as a radius, or of Z.
-        Without it the cut is along an axis, where nose compensation changes nothing.
+        R (or I of G77, K of G79) is the difference between the start and the end of the cut: of X
+        as a radius, or of Z. Without it the cut is along an axis, where nose compensation changes
+        nothing.
         """
         at = code.word if code else words.first()
         if code and not words.has_axis() and "R" not in words.rest:
@@ -272,6 +273,7 @@ class TurningCycles(Executor):
             message = f"{at.written} is a turning cycle here; without X or Z it makes no move"
             self._here.report_warning("code-without-effect", message, at, "remove it")
             return
+        self.moves.take_taper(words, "K" if self._state.motion == G.G79 else "I")
         tapered = "R" in words.rest or (code is None and "R" in self._staying.words)
         with nullcontext() if tapered else self.moves.uncompensated(at):
             self._turn_once(words, code, at)
@@ -372,10 +374,9 @@ class TurningCycles(Executor):
         moves.rapid(*point(start, place))
 
     def _increments(self, words: LineWords, at: Word) -> dict[str, float | None]:
-        """Increments in X (radius) and Z: P and Q of FANUC, I and K of Haas."""
-        letters = (
-            {"X": "P", "Z": "Q"} if self._dialect.turning.two_line_cycles else {"X": "I", "Z": "K"}
-        )
+        """Increments in X (radius) and Z: P and Q; I and K of Haas and of Series 10/11."""
+        with_p = self._dialect.turning.two_line_cycles and words.rest.keys().isdisjoint("IK")
+        letters = {"X": "P", "Z": "Q"} if with_p else {"X": "I", "Z": "K"}
         increments: dict[str, float | None] = {}
         for axis, letter in letters.items():
             word = words.take(letter, at.written)

@@ -129,16 +129,14 @@ class ProfileCycles:
         z, x = self._moves.columns
         along, across = (x, z) if code == G.G72 else (z, x)
         before, end, direction = ends[-2], ends[-1], ends[-2][along] - start[along]
-        deepest = max(ends, key=lambda place: abs(place[across] - start[across]))
-        height = [abs(place[across] - deepest[across]) for place in ends]
+        outwards = math.copysign(1.0, start[across] - ends[0][across])
+        height = [place[across] * outwards for place in ends]
         is_outside = min(height[-2:]) >= max(height) - SLACK
         if (end[along] - before[along]) * direction >= 0.0 or not is_outside:
             return blocks
         if len(last.points) == 1:
             return blocks[:-1]
-        short = replace(
-            last, points=last.points[:-1], feeds=last.feeds[:-1], lines=last.lines[:-1]
-        )
+        short = replace(last, points=last.points[:-1], feeds=last.feeds[:-1], lines=last.lines[:-1])
         return [*blocks[:-1], short]
 
     def _view(self, code: G, blocks: list[Block], start: list[float], at: Word) -> View:

@@ -137,6 +137,7 @@ class TurningThreads(Executor):
         moves.check(at)
         if code:
             staying.clear()
+        moves.take_taper(words, "I")
         lead, turns = self._lead_of(words, at), self._turns_per_second(at)
         if taper := words.take("R", at.written):
             staying["R"] = taper.number * self._state.scale
@@ -270,12 +271,13 @@ class TurningThreads(Executor):
     def _thread(self, words: LineWords, at: Word, lead: float) -> Thread:
         """The thread of the words of G76 with X and Z."""
         moves, scale = self._moves, self._state.scale
+        # P is the height and R the taper; K and I on a Haas and in FANUC's Series 10/11 format.
+        two_lines = self._dialect.turning.two_line_cycles and "K" not in words.rest
+        letters = "PQR" if two_lines else "KDI"
+        tip = None if two_lines else words.take("A", at.written)
+        height, first, taper = (words.take(letter, at.written) for letter in letters)
         given = moves.given(words, at.written)
         start = moves.place
-        two_lines = self._dialect.turning.two_line_cycles
-        # FANUC's P is the height and R the taper; on a Haas they are K and I.
-        letters = "PQR" if two_lines else "KDI"
-        height, first, taper = (words.take(letter, at.written) for letter in letters)
         for letter, word in zip(
             (*"XZ", *letters[:2]), (*map(given.get, "XZ"), height, first), strict=True
         ):
@@ -286,10 +288,14 @@ class TurningThreads(Executor):
         assert first is not None
         angle, finishing, chamfer = self._angle, self._finishing, self._chamfer * lead
         if not two_lines:
-            word = words.take("A", at.written)
-            angle, finishing, chamfer = word.number if word else 0.0, 1, 0.0
-            if word:
-                self._check_angle(word, angle)
+            # The method of the infeed; P1 cuts one flank with a constant area of the chip.
+            way = words.take("P", at.written)
+            if way is not None and way.whole != 1:
+                message = f"{way.written} of {at.written}: only the infeed P1 is made"
+                raise fault("code-not-supported", message, way, "remove it, or write P1")
+            angle, finishing, chamfer = tip.number if tip else 0.0, 1, 0.0
+            if tip:
+                self._check_angle(tip, angle)
         thread = Thread(
             start=start,
             end=(given["Z"], given["X"]),
