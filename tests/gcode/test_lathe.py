@@ -174,6 +174,14 @@ def test_a_profile_beyond_the_start_point_is_reported() -> None:
     assert "profile-beyond-start" in warnings_of(source)
 
 
+def test_an_allowance_along_the_passes_of_a_pocket_is_reported() -> None:
+    source = "G71 P1 Q2 D1. W0.1 F0.1\nN1 G0 X30. W0\nG1 Z-5.\nX20. Z-9.\nN2 X36. Z-12."
+    assert "allowance-at-wall" in warnings_of(source)
+    last = moves_of(lathe_blocks(f"{START}{source}\nM30"))
+    ends = [tuple(move.points[-1].round(6)) for move in last if not move.rapid]
+    assert ends[-3:] == [(15, -4.9), (10, -8.9), (18, -11.9)]
+
+
 def test_lengths_without_a_point_count_least_increments() -> None:
     rules = dialects.load("fanuc", lathe="A", least_increments=True)
     options = {"dialect": rules, "axes": ("x", "z")}
@@ -298,11 +306,6 @@ ERRORS = [
     ("profile-not-monotone", "G71 P1 Q2 D1. F0.1\nN1 G0 X30.\nG1 Z-5.\nN2 X20. Z-9.", "type II"),
     ("allowance-sign", "G71 P1 Q2 D1. U-0.4 F0.1\nN1 G0 X30.\nN2 G1 Z-5.", "into the part"),
     ("allowance-sign", "G71 P1 Q2 D1. W-0.4 F0.1\nN1 G0 X30.\nN2 G1 Z-5.", "into the part"),
-    (
-        "allowance-in-pocket",
-        "G71 P1 Q2 D1. W0.1 F0.1\nN1 G0 X30. W0\nG1 Z-5.\nN2 X20. Z-9.",
-        "give W0",
-    ),
     ("cycle-too-long", "G71 P1 Q2 D0.0001 F0.1\nN1 G0 X30.\nN2 G1 Z-5.", "larger depth"),
     ("word-unused", "G70 P1 Q2 D1.\nN1 G0 X30.\nN2 G1 Z-5. F0.1", "no use"),
     ("thread-start", "G76 P010060 Q100 R0.\nG76 X39. Z-9. P1000 Q300 F1.", "clear"),

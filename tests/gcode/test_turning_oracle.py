@@ -126,10 +126,10 @@ def test_blocks_are_those_of_the_second_reader(name: str) -> None:
     assert differences_of(*PROGRAMS[name]) == []
 
 
-@pytest.mark.parametrize("file", ["turning.nc"])
-def test_shipped_programs_are_those_of_the_second_reader(file: str) -> None:
+@pytest.mark.parametrize(("file", "dialect"), [("turning.nc", "fanuc"), ("haas-shaft.nc", "haas")])
+def test_shipped_programs_are_those_of_the_second_reader(file: str, dialect: str) -> None:
     text = (SHIPPED / file).read_text(encoding="ascii")
-    assert differences_of(text, "fanuc", False) == []
+    assert differences_of(text, dialect, False) == []
 
 
 @pytest.mark.parametrize(

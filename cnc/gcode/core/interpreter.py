@@ -210,10 +210,13 @@ class Interpreter:
         threads.register_threading(motion, runner)
         circular_pocket.register(motion, self.tool_codes)
         self.probing = probing.Probing(motion)
-        if not self.dialect.turning.lathe:
+        lathe_of_siemens = self.dialect.flavour == "siemens" and self.policy.lathe
+        if not self.dialect.turning.lathe and not lathe_of_siemens:
             return None
         from cnc.gcode.turning import cycles
 
+        if lathe_of_siemens:
+            return cycles.register_thread(motion)
         return cycles.register(motion, self.compensation_codes)
 
     def _bind_parameters(self) -> None:

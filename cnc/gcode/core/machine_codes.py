@@ -86,8 +86,21 @@ class MachineCodes(Executor):
             return
         if word := words.take("T", "T"):
             state.tool = whole(word, "the tool number", 0, MAX_TOOL)
-            if M.M6 in self._dialect.m:
+            if self._policy.lathe and self._dialect.flavour == "siemens":
+                self._turn_turret(codes)
+            elif M.M6 in self._dialect.m:
                 self._unused_words.note(word)
+
+    def _turn_turret(self, codes: Codes) -> None:
+        """Change to the tool of a T word, which on SINUMERIK's lathes turns the turret.
+
+        Source: Siemens, "SINUMERIK 840D sl/828D Programming Manual, Fundamentals", "Tool change
+        with T command".
+        """
+        state, here = self._state, self._here
+        if "tool-change" not in codes and state.tool not in (None, state.loaded):
+            state.loaded = state.tool
+            self._out.add(Tool(here.file, here.line, state.tool))
 
     def _speed(self, word: Word) -> float:
         """Speed of an S word: rpm, or mm/s from metres or feet a minute under G96."""

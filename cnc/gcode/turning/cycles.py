@@ -198,6 +198,13 @@ def register(motion: Motion, compensation: CompensationCodes) -> TurningCycles:
     return cycles
 
 
+def register_thread(motion: Motion) -> TurningCycles:
+    """Register SINUMERIK's G33, and return the cycles, which have its moves."""
+    cycles = TurningCycles(TurningMoves(motion))
+    motion.handlers[G.G33] = threads.TurningThreads(cycles.moves).move
+    return cycles
+
+
 class TurningCycles(Executor):
     """Execution of single cycles and pecking; ``settings`` are those of the other cycles."""
 

@@ -126,9 +126,13 @@ class TurningThreads(Executor):
         moves.check(at)
         if not words.has_axis():
             raise fault("axis-words-missing", f"{at.written} needs X or Z", at)
-        lead, turns = self._lead_of(words, at), self._turns_per_second(at)
-        here, given = moves.place, moves.given(words, at.written)
-        self._follow(here, (given.get("Z", here[0]), given.get("X", here[1])), lead, turns)
+        turns, here = self._turns_per_second(at), moves.place
+        lead = None if self._dialect.flavour == "siemens" else self._lead_of(words, at)
+        given = moves.given(words, at.written)
+        end = given.get("Z", here[0]), given.get("X", here[1])
+        if lead is None:
+            lead = self._lead_along(words, abs(end[0] - here[0]) >= abs(end[1] - here[1]), at)
+        self._follow(here, end, lead, turns)
 
     def single(self, words: LineWords, code: Code | None) -> None:
         """Execute G78 (G92 of system A): in, one pass, out and back. R is the taper."""
@@ -177,6 +181,19 @@ class TurningThreads(Executor):
         if state.feed_mode == "per-revolution":
             state.feed = Feed(self._lead, word.number)
         return self._lead
+
+    def _lead_along(self, words: LineWords, along_z: bool, at: Word) -> float:
+        """SINUMERIK's lead, mm a turn: K along Z, or I along X, of the axis that moves farther.
+
+        Source: Siemens, "SINUMERIK 840D sl/828D Programming Manual, Fundamentals", "Thread cutting
+        with constant lead (G33)".
+        """
+        letter, axis = ("K", "Z") if along_z else ("I", "X")
+        word = words.take(letter, at.written)
+        if word is None:
+            hint = f"give {letter} and the lead along {axis}, which moves farther"
+            raise fault("pitch-missing", f"{at.written} needs {letter}", at, hint)
+        return positive(word, "the lead") * self._state.scale
 
     def _turns_per_second(self, at: Word) -> float:
         state = self._state

@@ -204,13 +204,18 @@ class _Reader:
         if self.place is None:
             raise Unread("a cycle after the reference point")
         start, motion = self.place, self.motion
-        points, arcs = [start], {}
+        points, arcs, corner = [start], {}, None
         for line in range(first, last + 1):
             given = dict(self.lines[line])
-            if {"C", "R", "I", "K", "A"} & given.keys() and self._is_straight(line):
-                raise Unread("a corner")
+            if "A" in given and self._is_straight(line):
+                raise Unread("an angle")
             if not {"X", "Z", "U", "W"}.isdisjoint(given):
                 here, self.place = self.place, self.target(given)
+                if corner is not None:
+                    self._cut(points, arcs, corner, self.place)
+                letter = next((one for one in "RCIK" if one in given), None)
+                is_corner = letter is not None and self._is_straight(line)
+                corner = (letter, abs(self.length(given[letter]))) if is_corner else None
                 if not self._is_straight(line):
                     arcs[len(points)] = self._arc(here, self.place, given, line)
                 points.append(self.place)
@@ -222,6 +227,26 @@ class _Reader:
         self.reading.profiles.append(Profile(index + 1, cycle, lines, points, arcs, shift))
         self.reading.ends[index + 1] = start
         return last + 1 if index < first and cycle != 70 else index + 1
+
+    @staticmethod
+    def _cut(
+        points: list[Point], arcs: dict[int, list[Point]], corner: tuple[str, float], to: Point
+    ) -> None:
+        """Cut the last point, between two moves at right angles, by a chamfer or a round."""
+        letter, size = corner
+        before, middle, after = (complex(*point) for point in (points[-2], points[-1], to))
+        inwards = (middle - before) / abs(middle - before)
+        outwards = (after - middle) / abs(after - middle)
+        begin = middle - size * inwards
+        turns = [math.radians(angle) for angle in range(3, 90, 3)] if letter == "R" else []
+        way = [
+            begin + size * (outwards * (1.0 - math.cos(turn)) + inwards * math.sin(turn))
+            for turn in turns
+        ]
+        end = begin + size * (inwards + outwards)
+        points[-1] = (begin.real, begin.imag)
+        arcs[len(points)] = [(point.real, point.imag) for point in way]
+        points.append((end.real, end.imag))
 
     def _arc(self, here: Point, end: Point, words: dict[str, str], line: int) -> list[Point]:
         """Points of an arc: G3 turns from z to x, which is anticlockwise for z right and x up."""
