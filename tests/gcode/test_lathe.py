@@ -174,6 +174,27 @@ def test_a_profile_beyond_the_start_point_is_reported() -> None:
     assert "profile-beyond-start" in warnings_of(source)
 
 
+def test_an_arc_without_a_center_is_straight() -> None:
+    source = "G3 X50. Z-5. R5. F0.2\nX60."
+    assert summaries(START + source)[-1] == "line 30 -5 F120"
+    assert "arc-without-center" in warnings_of(source)
+    assert error_on_lathe(source, dialect="haas") == "arc-center-missing"
+
+
+def test_m99_at_the_end_of_a_program_ends_it_after_one_part() -> None:
+    assert summaries(f"{START}G1 Z-5. F0.2\nM99")[-1:] == ["line 20 -5 F120"]
+    assert "program-ends-once" in warnings_of("M99")
+
+
+def test_axis_words_before_any_motion_code_are_a_traverse_with_a_warning() -> None:
+    assert block_summaries(
+        "G28 U0\nW0\nM30", dialect=dialects.load("fanuc", lathe="B"), axes=("x", "z")
+    )
+    found: list[Diagnostic] = []
+    lathe_blocks("X10. Z2.\nM30", warn=found.append)
+    assert [each.code for each in found] == ["motion-assumed"]
+
+
 def test_an_allowance_along_the_passes_of_a_pocket_is_reported() -> None:
     source = "G71 P1 Q2 D1. W0.1 F0.1\nN1 G0 X30. W0\nG1 Z-5.\nX20. Z-9.\nN2 X36. Z-12."
     assert "allowance-at-wall" in warnings_of(source)
@@ -192,10 +213,10 @@ def test_lengths_without_a_point_count_least_increments() -> None:
     assert metric[1] == "rapid 5 500"
 
 
-def error_on_lathe(source: str) -> str:
+def error_on_lathe(source: str, dialect: str = "fanuc") -> str:
     """The code of the error of a program on a lathe."""
     with pytest.raises(GcodeError) as caught:
-        lathe_blocks(f"{START}{source}\nM30")
+        lathe_blocks(f"{START}{source}\nM30", dialect)
     return caught.value.diagnostic.code
 
 

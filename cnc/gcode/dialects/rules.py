@@ -84,6 +84,7 @@ class ArcRules:
     idle_center: bool
     as_grbl: bool
     radius_first: bool
+    straight: bool
     mm: ArcTolerance
     inch: ArcTolerance
 

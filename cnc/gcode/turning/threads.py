@@ -546,6 +546,9 @@ class ThreadingCycles(MotionCodes):
         rigid = state.motion == TAP
         name = "G33.1" if rigid else "G33"
         at = code.word if code else words.first()
+        if self._dialect.flavour == "siemens":
+            hint = 'set kind = "lathe" under [machine] of the machine file'
+            raise fault("code-not-supported", f"{name} (thread) is not supported", at, hint)
         refuse_modes(motion, state, name, at, inverse_time=False)
         if not words.has_axis():
             raise fault(
