@@ -274,8 +274,9 @@ class TurningCycles(Executor):
         nothing.
         """
         at = code.word if code else words.first()
-        if code and not words.has_axis() and "R" not in words.rest:
-            # Only the mode: G90 stands in the safe lines of many programs.
+        alone = code is not None and not words.has_axis() and "R" not in words.rest
+        if alone and self._state.motion == G.G77:
+            # Only the mode: G90 stands in the safe lines of many programs. G94 may mean system B.
             self._staying = _Staying()
             message = f"{at.written} is a turning cycle here; without X or Z it makes no move"
             self._here.report_warning("code-without-effect", message, at, "remove it")
