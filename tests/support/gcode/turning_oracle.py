@@ -251,6 +251,8 @@ class _Reader:
     def _arc(self, here: Point, end: Point, words: dict[str, str], line: int) -> list[Point]:
         """Points of an arc: G3 turns from z to x, which is anticlockwise for z right and x up."""
         a, b = complex(*here), complex(*end)
+        if a == b:
+            return []
         spin = 1 if self._motion_of(line) == 3 else -1
         if "R" in words:
             middle, half = (a + b) / 2.0, abs(b - a) / 2.0
@@ -318,8 +320,14 @@ def differences(reading: Reading, moves: list[Move]) -> Iterator[str]:
     by_line: dict[int, list[Move]] = {}
     for move in moves:
         by_line.setdefault(move.line, []).append(move)
+    finished = {
+        line
+        for profile in reading.profiles
+        if profile.code == 70
+        for line in range(profile.lines[0], profile.lines[1] + 1)
+    }
     for line, end in reading.ends.items():
-        if end is not None and line in by_line:
+        if end is not None and line in by_line and line not in finished:
             x, z = by_line[line][-1].points[-1]
             if math.dist((z, x), end) > _CLOSE:
                 yield f"line {line} ends at z {z:.4f} x {x:.4f}, not {end}"
