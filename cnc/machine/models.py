@@ -137,6 +137,13 @@ class Program(Section):
             "and G90, G92 and G94 cycles; in B and C G94 and G95 are the feed modes."
         ),
     )
+    least_increments: bool = Field(
+        default=False,
+        description=(
+            "For a FANUC or Haas lathe: whether a length without a decimal point counts least "
+            "increments, 0.001 mm or 0.0001 inch (FANUC's parameter 3401, DPI = 0)."
+        ),
+    )
     tool_table: FilePath | None = Field(
         default=None,
         description="File with the tool table. A run that changes the table writes the file.",

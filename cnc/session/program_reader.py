@@ -352,12 +352,13 @@ class ProgramReader:
         """
         is_lathe = self.machine.kind == "lathe"
         system = self.machine.program.g_code_system if is_lathe else None
+        counted = self.machine.program.least_increments
         if self.dialect != "auto":
             if (
                 self.dialect == "siemens" or dialects.has_lathe_language(self.dialect)
             ) and not is_lathe:
                 refuse_lathe(self._evidence(), self.machine.kind, self.name)
-            return dialects.load(self.dialect, lathe=system)
+            return dialects.load(self.dialect, lathe=system, least_increments=counted)
         if self.recognition is None:
             self.recognition = self._evidence()
             log.info("%s is read as %s", printable(self.name), self.recognition.described())
@@ -365,7 +366,9 @@ class ProgramReader:
         if is_lathe:
             name = lathe_dialect(self.recognition, self.name)
             self.recognition = self.recognition._replace(dialect=name)
-        return dialects.load(self.recognition.dialect, lenient=True, lathe=system)
+        return dialects.load(
+            self.recognition.dialect, lenient=True, lathe=system, least_increments=counted
+        )
 
     def _evidence(self) -> Recognition:
         """Search the first lines for evidence of a controller and of a lathe, once."""
@@ -398,10 +401,12 @@ class ProgramReader:
         diameters = dialects.load(name, lathe="A").turning.diameters if stated is None else stated
         read = f"X in {'diameters' if diameters else 'radii'}"
         if dialects.has_lathe_language(name):
-            system = self.machine.program.g_code_system
+            program = self.machine.program
+            counted = "; lengths without a point in least increments"
             return (
-                f"lathe, G-code system {system}; {read}; at the start G18 and feed per "
-                "revolution; offsets of T words act with the next move; threads without a chamfer"
+                f"lathe, G-code system {program.g_code_system}; {read}; at the start G18 and feed "
+                "per revolution; offsets of T words act with the next move; threads without a "
+                f"chamfer{counted if program.least_increments else ''}"
             )
         plane = " and G18" if name == "siemens" else ""
         return f"lathe: at the start {read}{plane}"

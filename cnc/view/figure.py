@@ -102,8 +102,10 @@ def _strip(axes: Axes, picture: Picture, report: Report, row: int) -> None:
     axes.set_xlim(0.0, picture.duration or 1.0)
 
 
-def _view_matrix(flat: bool) -> Floats:
+def _view_matrix(*, flat: bool, lathe: bool) -> Floats:
     """Return a matrix with the rows right, up and towards the viewer, in machine axes."""
+    if lathe:
+        return np.eye(3)[[2, 0, 1]]
     if flat:
         return np.eye(3)
     c, s, cp, sp = math.cos(YAW), math.sin(YAW), math.cos(PITCH), math.sin(PITCH)
@@ -120,7 +122,8 @@ def _path(axes: Axes, picture: Picture, machine: Machine) -> Floats:
     strokes = picture.strokes
     extent = np.ptp(strokes.position, axis=0)
     flat = bool(extent[2] < 0.01 * max(float(np.linalg.norm(extent)), 1e-9))
-    turn = _view_matrix(flat)
+    lathe = machine.kind == "lathe"
+    turn = _view_matrix(flat=flat, lathe=lathe)
     seen = strokes.position @ turn.T
     feeding = np.flatnonzero(~strokes.rapid[:-1])
     most = float(strokes.feed[feeding].max(initial=0.0)) or 1.0
@@ -149,7 +152,11 @@ def _path(axes: Axes, picture: Picture, machine: Machine) -> Floats:
     for box, colour in ((travel_box(machine), TRAVEL), (stock_box(machine), STOCK)):
         lines = [(turn @ edge.T).T[:, :2] for edge in _edges(box)] if box else []
         axes.add_collection(LineCollection(lines, colors=colour, linewidths=0.8), autolim=False)
-    if flat:
+    if lathe:
+        axes.set_xlabel("Z, mm")
+        axes.set_ylabel("X (diameter), mm")
+        axes.yaxis.set_major_formatter(lambda radius, _: f"{2.0 * radius:g}")
+    elif flat:
         axes.set_xlabel("X, mm")
         axes.set_ylabel("Y, mm")
     else:

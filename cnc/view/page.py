@@ -145,6 +145,7 @@ def about_picture(picture: Picture, report: Report) -> dict[str, Any]:
         "extent": np.stack((low, high), axis=1).tolist(),
         "travel": travel_box(report.machine),
         "stock": stock_box(report.machine),
+        "lathe": report.machine.kind == "lathe",
         "limits": [limits.feed, limits.accel, limits.jerk],
         "tolerance": strokes.tolerance,
         "exact": picture.curves.within == 0.0,

@@ -14,6 +14,7 @@ import pytest
 
 import cnc
 from cnc.gcode import dialects
+from cnc.gcode.core.modal_groups import ReadingPolicy
 from cnc.gcode.core.program import ProgramOptions
 from cnc.gcode.reader.source_text import Text
 from cnc.model.blocks import ArcFeed
@@ -21,7 +22,9 @@ from tests.gcode.test_lathe import PROGRAMS, START
 from tests.support.gcode.gcode_cases import block_summaries, error_of, points, run
 
 TURNING = "G18 G90 G95\nT1 D1\nS600 M3\n"
-LATHE: dict[str, Any] = {"axes": ("x", "z"), "lathe": True}
+LATHE: dict[str, Any] = {
+    "axes": ("x", "z"), "lathe": True, "policy": ReadingPolicy(tool_lengths="zero")
+}  # fmt: skip
 
 
 def radii(source: str, dialect: str = "siemens", **options: Any) -> list[float]:

@@ -15,10 +15,10 @@ from cnc.gcode.core.tool_table import ToolEntry, ToolTable
 from cnc.gcode.dialects.recognition import lathe_dialect, recognise, refuse, refuse_lathe
 from cnc.machine.load import load_machine
 from cnc.model.blocks import End, Polyline, Spindle
-from cnc.model.diagnostics import GcodeError
+from cnc.model.diagnostics import Diagnostic, GcodeError
 from tests.support.corpus import programs
 from tests.support.gcode.gcode_cases import block_summaries, error_of, run
-from tests.support.gcode.turning_cases import lathe_blocks
+from tests.support.gcode.turning_cases import lathe_blocks, moves_of
 from tests.support.paths import ROOT
 from tests.support.programs.random_programs import random_program
 from tests.support.soak import share
@@ -109,10 +109,115 @@ PROGRAMS: dict[str, tuple[str, list[str]]] = {
 }
 
 
+PROGRAMS |= {
+    "G28 without axes on a Haas": ("G28", ["rapid 0 0"]),
+    "G80 beside G90, which makes no move alone": (
+        "G40 G80 G90 G99\nG0 X30.", ["rapid 15 2"]
+    ),
+    "R, C, I and K behind a straight move": (
+        "G1 Z-10. R2. F0.2\nX60. K-1.\nZ-20. I1.\nX70. C1.\nZ-30.",
+        ["line 20 -8 F120", "arc zx -8 22 22 -10 2 -0.25 120", "line 29 -10 F120"]
+        + ["line 30 -11 F120", "line 30 -19 F120", "line 31 -20 F120", "line 34 -20 F120"]
+        + ["line 35 -21 F120", "line 35 -30 F120"],
+    ),
+    "A is an angle": ("G1 Z-8. A135. F0.2", ["line 30 -8 F120"]),
+    "the taper of G90 is I, of G94 K": (
+        "G90 X36. Z-10. I-1. F0.2\nG94 X36. Z0. K-1.",
+        ["rapid 17 2", "line 18 -10 F120", "line 20 -10 F120", "rapid 20 2"]
+        + ["rapid 20 -1", "line 18 0 F120", "line 18 2 F120", "rapid 20 2"],
+    ),
+    "the taper of G92 is I": (
+        "G92 X38. Z-20. I-2. F1.5",
+        ["rapid 17 2", f"sync {round(1.5 * math.hypot(22, 2) / 22, 6)}", "line 19 -20 F903.711356"]
+        + ["sync 0", "rapid 20 -20", "rapid 20 2"],
+    ),
+    "G75 with I": (
+        "G75 X36. I1. F0.2",
+        ["line 19 2 F120", "rapid 19.5 2", "line 18 2 F120", "rapid 20 2"],
+    ),
+    "G76 in one line": (
+        "G76 X38. Z-20. K1. D1. F1.5",
+        ["overrides false false", "rapid 19 2", "sync 1.5", "line 19 -20 F900", "sync 0"]
+        + ["rapid 20 -20", "rapid 20 2", "overrides true true"],
+    ),
+}  # fmt: skip
+HAAS = {"G28 without axes on a Haas"}
+
+
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_programs_of_a_lathe(name: str) -> None:
     source, expected = PROGRAMS[name]
-    assert summaries(START + source) == STARTED + expected
+    dialect = "haas" if name in HAAS else "fanuc"
+    assert summaries(START + source, dialect) == STARTED + expected
+
+
+def warnings_of(source: str, **options: object) -> list[str]:
+    """The codes of the warnings of a program on a lathe."""
+    found: list[Diagnostic] = []
+    lathe_blocks(f"{START}{source}\nM30", warn=found.append, **options)  # type: ignore[arg-type]
+    return [each.code for each in found]
+
+
+def test_a_profile_that_ends_with_a_traverse_back_is_roughed_up_to_it() -> None:
+    profile = "N1 G0 X20.\nG1 Z-10.\nX40.\n"
+    cycle = "G71 P1 Q2 U0.4 W0.1 D4. F0.2\n"
+    back = [*map(str, moves_of(lathe_blocks(START + cycle + profile + "N2 G0 Z2.\nM30")))]
+    ended = [*map(str, moves_of(lathe_blocks(START + cycle + profile.replace("X40", "N2 X40"))))]
+    assert back == ended
+    assert "profile-return" in warnings_of(cycle + profile + "N2 G0 Z2.")
+    # Below the outside of the stock the traverse would go through the part.
+    assert error_on_lathe(cycle + "N1 G0 X20.\nG1 Z-10.\nX30.\nX24.\nN2 G0 Z2.") == "profile-start"
+
+
+def test_a_profile_beyond_the_start_point_is_reported() -> None:
+    source = "G71 P1 Q2 D1. F0.1\nN1 G0 X30.\nG1 Z-5.\nN2 X50."
+    assert "profile-beyond-start" in warnings_of(source)
+
+
+def test_an_arc_without_a_center_is_straight() -> None:
+    source = "G3 X50. Z-5. R5. F0.2\nX60."
+    assert summaries(START + source)[-1] == "line 30 -5 F120"
+    assert "arc-without-center" in warnings_of(source)
+    assert error_on_lathe(source, dialect="haas") == "arc-center-missing"
+
+
+def test_m99_at_the_end_of_a_program_ends_it_after_one_part() -> None:
+    assert summaries(f"{START}G1 Z-5. F0.2\nM99")[-1:] == ["line 20 -5 F120"]
+    assert "program-ends-once" in warnings_of("M99")
+
+
+def test_axis_words_before_any_motion_code_are_a_traverse_with_a_warning() -> None:
+    assert block_summaries(
+        "G28 U0\nW0\nM30", dialect=dialects.load("fanuc", lathe="B"), axes=("x", "z")
+    )
+    found: list[Diagnostic] = []
+    lathe_blocks("X10. Z2.\nM30", warn=found.append)
+    assert [each.code for each in found] == ["motion-assumed"]
+
+
+def test_an_allowance_along_the_passes_of_a_pocket_is_reported() -> None:
+    source = "G71 P1 Q2 D1. W0.1 F0.1\nN1 G0 X30. W0\nG1 Z-5.\nX20. Z-9.\nN2 X36. Z-12."
+    assert "allowance-at-wall" in warnings_of(source)
+    last = moves_of(lathe_blocks(f"{START}{source}\nM30"))
+    ends = [tuple(move.points[-1].round(6)) for move in last if not move.rapid]
+    assert ends[-3:] == [(15, -4.9), (10, -8.9), (18, -11.9)]
+
+
+def test_lengths_without_a_point_count_least_increments() -> None:
+    rules = dialects.load("fanuc", lathe="A", least_increments=True)
+    options = {"dialect": rules, "axes": ("x", "z")}
+    source = "G20 G97 S600 M3\nG0 X10000 Z500\nG1 Z-5000 F0.01\nG4 X1500\nG73 U1000 W0 R2\n{}M30"
+    found = block_summaries(source.format(""), **options)
+    assert found[1:4] == ["rapid 12.7 1.27", "line 12.7 -12.7 F152.4", "dwell 1.5"]
+    metric = block_summaries("G21 S600 M3\nG0 X10000 Z500.\nM30", **options)
+    assert metric[1] == "rapid 5 500"
+
+
+def error_on_lathe(source: str, dialect: str = "fanuc") -> str:
+    """The code of the error of a program on a lathe."""
+    with pytest.raises(GcodeError) as caught:
+        lathe_blocks(f"{START}{source}\nM30", dialect)
+    return caught.value.diagnostic.code
 
 
 SYSTEMS = {
@@ -211,17 +316,17 @@ ERRORS = [
     ("profile-place", "G71 P1 Q2 D1. F0.1\nM8\nN1 G0 X30.\nN2 G1 Z-5.", "between"),
     ("profile-line", "G71 P1 Q2 D1. F0.1\nN1 G0 X30.\nM98 P5\nN2 G1 Z-5.", "no move"),
     ("profile-empty", "G71 P1 Q2 D1. F0.1\nN1 M8\nN2 M9", "no move"),
-    ("profile-start", "G71 P1 Q2 D1. F0.1\nN1 G0 X30.\nG1 Z-5.\nN2 X50.", "beyond the start"),
+    ("profile-line", "G71 P1 Q2 D1. F0.1\nN1 G0 X30.\nG70 P1 Q2\nN2 G1 Z-5.", "no move"),
+    (
+        "decimal-point-needed",
+        "G71 U1250 R500\nG71 P1 Q2 F0.1\nN1 G0 X30.\nN2 G1 Z-5.",
+        "U1250 is many times deeper",
+    ),
     ("profile-start", "G71 P1 Q2 D1. F0.1\nN1 G0 X30.\nN2 G1 X32.", "along Z"),
     ("profile-not-monotone", "G71 P1 Q2 D1. F0.1\nN1 G0 X30.\nG1 Z-9.\nX32.\nN2 Z-5.", "back"),
     ("profile-not-monotone", "G71 P1 Q2 D1. F0.1\nN1 G0 X30.\nG1 Z-5.\nN2 X20. Z-9.", "type II"),
     ("allowance-sign", "G71 P1 Q2 D1. U-0.4 F0.1\nN1 G0 X30.\nN2 G1 Z-5.", "into the part"),
     ("allowance-sign", "G71 P1 Q2 D1. W-0.4 F0.1\nN1 G0 X30.\nN2 G1 Z-5.", "into the part"),
-    (
-        "allowance-in-pocket",
-        "G71 P1 Q2 D1. W0.1 F0.1\nN1 G0 X30. W0\nG1 Z-5.\nN2 X20. Z-9.",
-        "give W0",
-    ),
     ("cycle-too-long", "G71 P1 Q2 D0.0001 F0.1\nN1 G0 X30.\nN2 G1 Z-5.", "larger depth"),
     ("word-unused", "G70 P1 Q2 D1.\nN1 G0 X30.\nN2 G1 Z-5. F0.1", "no use"),
     ("thread-start", "G76 P010060 Q100 R0.\nG76 X39. Z-9. P1000 Q300 F1.", "clear"),

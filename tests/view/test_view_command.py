@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from cnc import cli
-from cnc.view.figure import traverses
+from cnc.view.figure import _view_matrix, traverses
 from tests.support.paths import ROOT
 from tests.support.soak import share
 from tests.support.view.drawn import EVERYTHING, drawn
@@ -96,6 +96,21 @@ def test_a_picture_in_each_format(view, tmp_path, suffix, begins):
     assert view(GOOD, f"out.{suffix}") == (0, "")
     assert (tmp_path / f"out.{suffix}").read_bytes().startswith(begins)
     assert sorted(each.name for each in tmp_path.iterdir()) == [f"out.{suffix}", "p.nc"]
+
+
+def test_a_lathe_is_drawn_with_z_to_the_right_and_diameters_upwards(view, tmp_path):
+    machine = str(ROOT / "config" / "lathe.toml")
+    text = "G21 G18 G99\nG97 S600 M3\nG0 X40. Z2.\nG1 Z-30. F0.2\nX50.\nM30\n"
+    for name in ("out.svg", "out.html"):
+        assert view(text, name, "--machine", machine, "--dialect", "fanuc") == (0, "")
+    drawn_text = (tmp_path / "out.svg").read_text(encoding="utf-8")
+    labels = set(re.findall("<!-- (.*?) -->", drawn_text))
+    assert {"Z, mm", "X (diameter), mm", "50"} <= labels
+    assert json.loads(unpacked(tmp_path / "out.html", "about"))["lathe"] is True
+    right, up, towards = _view_matrix(flat=False, lathe=True)
+    assert right @ (1, 2, 3) == 3
+    assert up @ (1, 2, 3) == 1
+    np.testing.assert_array_equal(np.cross(right, up), towards)
 
 
 @pytest.mark.parametrize(

@@ -149,7 +149,7 @@ def report_missing(
         here: Place of the line.
         collected: Whether the line belongs to a NURBS.
     """
-    word = _without_point(statement, repeats=dialect.cycles.repeats, collected=collected)
+    word = _without_point(statement, dialect, collected=collected)
     if word is None:
         return False
     message = f"{word.written} has no decimal point: it is read as mm, inches or degrees"
@@ -158,19 +158,22 @@ def report_missing(
     return True
 
 
-def _without_point(statement: Statement, *, repeats: str, collected: bool) -> Word | None:
+def _without_point(statement: Statement, dialect: Dialect, *, collected: bool) -> Word | None:
     """Return the first distance or angle that is not 0 and has no decimal point.
 
     In a line that is ``collected`` for a NURBS, and in that of G6.2, only axis words are distances:
-    K is a knot and R a weight. A letter of ``repeats`` counts holes, unless an arc's centre has
-    another letter beside it. Q is a distance in the line of a cycle that pecks or shifts.
+    K is a knot and R a weight. A letter of repeats counts holes, unless an arc's centre has
+    another letter beside it. Q is a distance in the line of a cycle that pecks or shifts. On a
+    lathe it counts thousandths, and A is the angle of a thread or a line.
     """
     words = statement.words
     codes = {word.number for word in words if word.letter == "G"}
     letters = AXES if collected or G.G6_2.code in codes else _DISTANCES
     if letters is _DISTANCES and not any(word.letter in "IJ" for word in words):
-        letters -= frozenset(repeats)
-    if not codes.isdisjoint(_Q_IS_DISTANCE):
+        letters -= frozenset(dialect.cycles.repeats)
+    if dialect.turning.lathe:
+        letters -= {"A"}
+    elif not codes.isdisjoint(_Q_IS_DISTANCE):
         letters |= {"Q"}
     return next(
         (

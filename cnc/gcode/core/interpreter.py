@@ -44,6 +44,7 @@ from cnc.gcode.reader.words import G, LineWords, M, Word, fault, whole
 from cnc.gcode.turning import codes as turning
 from cnc.gcode.turning import threads
 from cnc.model.blocks import Abort, BoardCommand
+from cnc.model.units import MM_PER_INCH
 
 if TYPE_CHECKING:
     from cnc.gcode.turning.cycles import TurningCycles
@@ -209,10 +210,13 @@ class Interpreter:
         threads.register_threading(motion, runner)
         circular_pocket.register(motion, self.tool_codes)
         self.probing = probing.Probing(motion)
-        if not self.dialect.turning.lathe:
+        lathe_of_siemens = self.dialect.flavour == "siemens" and self.policy.lathe
+        if not self.dialect.turning.lathe and not lathe_of_siemens:
             return None
         from cnc.gcode.turning import cycles
 
+        if lathe_of_siemens:
+            return cycles.register_thread(motion)
         return cycles.register(motion, self.compensation_codes)
 
     def _bind_parameters(self) -> None:
@@ -318,6 +322,12 @@ class Interpreter:
             codes = codes_of(words.g, words.m, self.dialect)
         if extra:
             self._builder_codes.execute(words, extra)
+        if self.dialect.turning.least_increments:
+            self._take_least_increments(words, codes)
+        if self.dialect.turning.lathe and "non-modal" not in codes:
+            moving = codes.get("motion")
+            if (moving.number if moving else self.modal.motion) == G.G1:
+                turning.take_corners(words, self.motion.column)
         if self.dialect.turning.increments:
             turning.take_increments(words, codes, self.dialect)
         codes = self.tool_codes.with_length(words, codes)
@@ -335,6 +345,15 @@ class Interpreter:
             self._builder_codes.pause(extra)
         if (corner := self.motion.corners.corner) is not None and corner.line != self.here.line:
             raise self.motion.corners.fault("a line without a move")
+
+    def _take_least_increments(self, words: LineWords, codes: Codes) -> None:
+        units, moving = codes.get("units"), codes.get("motion")
+        scale = self.modal.scale
+        if units is not None:
+            scale = MM_PER_INCH if units.number == G.G20 else 1.0
+        if (other := codes.get("non-modal")) and other.number == G.G4:
+            scale = 1.0  # the time counts milliseconds
+        turning.take_least_increments(words, moving.g.code if moving else 0.0, scale)
 
     def _is_program_number(self, words: LineWords) -> bool:
         is_number = (

@@ -65,7 +65,9 @@ class MachineCodes(Executor):
         dwell = (code := codes.get("non-modal")) is not None and code.number == G.G4
         is_time = dwell and "S" in (*self._dialect.dwell.units, *self._dialect.dwell.turns)
         if self._dialect.turning.lathe and code is not None and code.number == G.G92:
-            self._limit_speed(words, codes)
+            self._limit_speed(words, codes, "S")
+        elif "LIMS" in words.rest:
+            self._limit_speed(words, codes, "LIMS")
         if (
             "S" in words.rest
             and "spindle-mode" not in codes
@@ -84,8 +86,21 @@ class MachineCodes(Executor):
             return
         if word := words.take("T", "T"):
             state.tool = whole(word, "the tool number", 0, MAX_TOOL)
-            if M.M6 in self._dialect.m:
+            if self._policy.lathe and self._dialect.flavour == "siemens":
+                self._turn_turret(codes)
+            elif M.M6 in self._dialect.m:
                 self._unused_words.note(word)
+
+    def _turn_turret(self, codes: Codes) -> None:
+        """Change to the tool of a T word, which on SINUMERIK's lathes turns the turret.
+
+        Source: Siemens, "SINUMERIK 840D sl/828D Programming Manual, Fundamentals", "Tool change
+        with T command".
+        """
+        state, here = self._state, self._here
+        if "tool-change" not in codes and state.tool not in (None, state.loaded):
+            state.loaded = state.tool
+            self._out.add(Tool(here.file, here.line, state.tool))
 
     def _speed(self, word: Word) -> float:
         """Speed of an S word: rpm, or mm/s from metres or feet a minute under G96."""
@@ -94,9 +109,13 @@ class MachineCodes(Executor):
             return number
         return number * (1000.0 if self._state.feed_scale == 1.0 else 12.0 * MM_PER_INCH) / 60.0
 
-    def _limit_speed(self, words: LineWords, codes: Codes) -> None:
-        """S of a lathe's G50 (G92 in systems B and C): the highest speed under G96, rpm."""
-        word = words.take("S", "the limit of the spindle speed")
+    def _limit_speed(self, words: LineWords, codes: Codes, letter: str) -> None:
+        """S of a lathe's G50 (G92 in systems B and C) or LIMS: the highest speed under G96, rpm.
+
+        SINUMERIK's LIMS limits G97 too. Source: Siemens, "SINUMERIK 840D sl/828D Programming
+        Manual, Fundamentals", "Constant cutting rate (G96, G961, G97, LIMS)".
+        """
+        word = words.take(letter, "the limit of the spindle speed")
         if word is None:
             return
         state = self._state
@@ -179,7 +198,7 @@ class MachineCodes(Executor):
         state = self._state
         state.constant_surface = code.number == G.G96
         most = words.take("D", "G96") if state.constant_surface else None
-        if most or not self._dialect.turning.lathe:
+        if most or not (self._dialect.turning.lathe or self._dialect.flavour == "siemens"):
             state.most_rpm = not_negative(most, "the highest speed") if most else 0.0
         word = words.take("S", code.word.written)
         if word is None and state.constant_surface:
@@ -195,6 +214,8 @@ class MachineCodes(Executor):
     def _spindle(self, *, with_motion: bool = False) -> None:
         state, here = self._state, self._here
         turning = SPINDLE_STATES.index(state.spindle)
+        if self._dialect.flavour == "siemens" and state.most_rpm and not state.constant_surface:
+            state.speed = min(state.speed or 0.0, state.most_rpm)
         speed = _rpm_of(turning, math.nan if state.speed is None else state.speed)
         if state.constant_surface and turning:
             self._out.add(Spindle(here.file, here.line, state.spindle, state.most_rpm, speed))

@@ -93,7 +93,7 @@ FEED_MODES: dict[G, FeedMode] = {
 
 _feeds_of_word = interpreted(rules.feeds_of_word)
 _feed_status = interpreted(rules.feed_status)
-_ENDS_ANYWAY = [{G.G80, motion} for motion in PLAIN_MOTIONS]
+_ENDS_ANYWAY = [{G.G80, motion} for motion in (*PLAIN_MOTIONS, G.G77, G.G78, G.G79)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,7 +160,7 @@ def _add(codes: Codes, group: str, code: Code, dialect: Dialect) -> None:
     if earlier and earlier.number == code.number and dialect.lines.same_code_twice:
         return
     if earlier and {earlier.number, code.number} in _ENDS_ANYWAY:
-        # G0 to G3 end canned cycles too, so G80 beside one of them is redundant.
+        # Moves and single cycles of lathes end cycles of holes too: G80 beside them is redundant.
         if code.number == G.G80:
             return
     elif earlier:

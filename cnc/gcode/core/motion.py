@@ -136,6 +136,8 @@ _TAKES_AXES = (G.G10, G.G28, G.G30, G.G52, G.G92)
 # A look-up of a member in its class takes time in each line.
 _TRAVERSE, _FEED, _CANCEL = G.G0, G.G1, G.G80
 _STRAIGHT, _ARCS = (G.G0, G.G1), (G.G2, G.G3)
+_ROUND = frozenset((*"RIJK", ",O"))
+"""Words that make an arc round."""
 
 Handler = Callable[[LineWords, Code | None], None]
 """Makes the move of a motion code: takes the words of the line and sets the position.
@@ -327,6 +329,12 @@ class Motion(MoveFeeds):
         if motion is None:
             return
         code = explicit.word if explicit else None
+        if motion in _ARCS and self._dialect.arcs.straight and words.rest.keys().isdisjoint(_ROUND):
+            at = code or words.first()
+            message = f"{motion.written} without R, I, J and K is a straight move"
+            hint = "write G1; other controls refuse the line"
+            self._here.report_warning("arc-without-center", message, at, hint)
+            motion = _FEED
         turned = self.move_with_vector if self._has_vector(words) else None
         if turned is not None and motion in _STRAIGHT:
             turned(words, code, rapid=motion is _TRAVERSE)

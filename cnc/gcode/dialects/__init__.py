@@ -132,12 +132,20 @@ def has_lathe_language(name: str) -> bool:
 
 
 @lru_cache(maxsize=2 * len(NAMES) + 12)
-def load(name: str, *, lenient: bool = False, lathe: GcodeSystem | None = None) -> Dialect:
+def load(
+    name: str,
+    *,
+    lenient: bool = False,
+    lathe: GcodeSystem | None = None,
+    least_increments: bool = False,
+) -> Dialect:
     """Return the dialect of a name.
 
     Args:
         name: The name.
         lathe: On a lathe, the system of its G-codes (FANUC and Haas); None on another machine.
+        least_increments: On such a lathe, whether lengths without a decimal point are counts of
+            the least input increment (parameter 3401, bit 0 DPI, is 0).
         lenient: Read as ``auto`` reads a program that it recognised as one of this dialect: the
             words mean what they mean here, but the codes of ``auto`` are legal too, and common
             slips are warnings.
@@ -157,6 +165,9 @@ def load(name: str, *, lenient: bool = False, lathe: GcodeSystem | None = None) 
     if lathe and table["lathe"]:
         table = _read(table["lathe"])
         _translate_numbers(table, lathe)
+        if least_increments:
+            table["turning"]["least_increments"] = True
+            table["lines"]["decimal_points"] = False
         if lenient:
             _take(table, _LENIENT_ON_LATHES)
     elif lenient and table["own_codes"]:
@@ -203,8 +214,6 @@ def _translate_numbers(table: dict[str, Any], system: GcodeSystem) -> None:
     """Give the numbers of codes of FANUC's and Haas' lathes the meaning of a system."""
     numbers = table["systems"][system]
     table["aliases"] |= {code: {"is": meant} for code, meant in numbers.items()}
-    if system != "A":
-        table["turning"]["increments"] = ""
 
 
 def _dialect(name: str, table: dict[str, Any]) -> Dialect:

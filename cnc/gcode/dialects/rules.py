@@ -84,6 +84,7 @@ class ArcRules:
     idle_center: bool
     as_grbl: bool
     radius_first: bool
+    straight: bool
     mm: ArcTolerance
     inch: ArcTolerance
 
@@ -203,6 +204,7 @@ class TurningRules:
     diameters: bool
     increments: str
     integer_unit: float
+    least_increments: bool
     tap_side: list[int]
     retract_is_distance: bool
     two_line_cycles: bool

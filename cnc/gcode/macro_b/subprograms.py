@@ -461,7 +461,8 @@ def _end_once(flow: Flow, code: Word, line: int) -> None:
     """
     check_main(flow, code, line)
     message, interpreter = f"{code.written} repeats the main program for ever", flow.interpreter
-    if not interpreter.dialect.lenient:
+    # A lathe with a bar feeder makes one part after the other.
+    if not interpreter.dialect.lenient and not interpreter.dialect.turning.lathe:
         raise fault("program-endless", message, code, "end it with M30")
     interpreter.here.line = line
     message += " on its controller; here it ends"

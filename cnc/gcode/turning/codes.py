@@ -8,6 +8,7 @@ function", "Tool offset", "Absolute and incremental programming"; Haas, "Lathe O
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 from cnc.gcode.core.context import Executor
@@ -59,6 +60,54 @@ def take_increments(words: LineWords, codes: Codes, dialect: Dialect) -> None:
             message = f"{word.written} is an increment of {axis}, which has {rest[axis].written}"
             raise fault("axis-words-wanted-twice", message, word, "remove one of the two words")
         rest[axis] = rest.pop(letter)
+
+
+_LENGTHS = frozenset((*"XYZUVWIKR", ",C", ",R"))
+"""Letters of lengths; P, Q and D of cycles have a rule of their own."""
+
+
+def take_least_increments(words: LineWords, at: float, scale: float) -> None:
+    """Read lengths without a decimal point as counts of the least input increment.
+
+    Source: FANUC, parameter 3401, bit 0 (DPI); "Operator's Manual", "Decimal point programming".
+
+    Args:
+        words: Words of the line.
+        at: The code of the line that takes its words, in system B; 0 for another one.
+        scale: mm of a program unit.
+    """
+    counts = 1000.0 if scale == 1.0 else 10_000.0
+    for letter in _LENGTHS & words.rest.keys():
+        word = words.rest[letter]
+        count = letter == "R" and at == G.G73.code and words.rest.keys().isdisjoint("PQ")
+        if "." not in word.written and "#" not in word.written and not count:
+            words.rest[letter] = replace(word, number=word.number / counts)
+
+
+_CORNERS = {"R": ",R", "C": ",C", "I": ",C", "K": ",C", "A": ",A"}
+"""Words of a straight move without the comma, and those that mean the same."""
+
+
+def take_corners(words: LineWords, columns: Mapping[str, int]) -> None:
+    """File R, C, I, K and A of a G1 as ,R ,C and ,A.
+
+    R is a round, I (behind a move along Z) and K (along X) are the legs of a chamfer, whose signs
+    say where the next move goes. C and A are words of axes where the machine has them. Source:
+    FANUC, "Operator's Manual for Lathe System", "Chamfering and corner R", "Direct drawing
+    dimension programming"; Haas, "Lathe Operator's Manual", G01.
+
+    Args:
+        words: Words of the line of a G1.
+        columns: Axes of the machine.
+    """
+    if words.rest.keys().isdisjoint("XZUW"):
+        return
+    for letter in words.rest.keys() & _CORNERS.keys():
+        meant = _CORNERS[letter]
+        if letter not in columns and meant not in words.rest:
+            word = words.rest.pop(letter)
+            size = word.number if letter == "A" else abs(word.number)
+            words.rest[meant] = replace(word, letter=meant, number=size)
 
 
 class Turret(Executor):

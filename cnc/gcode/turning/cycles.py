@@ -162,12 +162,14 @@ class CycleSettings:
         retract: Retract of G71, G72, G74 and G75, mm.
         relief: Shift of the first pass of G73 in X (radius) and Z, mm; None if it was not given.
         passes: Number of passes of G73.
+        doubtful: The word of the depth if it has no decimal point, which controls read differently.
     """
 
     depth: float | None = None
     retract: float = RETRACT
     relief: tuple[float, float] | None = None
     passes: int = 1
+    doubtful: Word | None = None
 
 
 @dataclass(slots=True)
@@ -193,6 +195,13 @@ def register(motion: Motion, compensation: CompensationCodes) -> TurningCycles:
     }
     threads.register(moves, cycles.once)
     register_holes(moves)
+    return cycles
+
+
+def register_thread(motion: Motion) -> TurningCycles:
+    """Register SINUMERIK's G33, and return the cycles, which have its moves."""
+    cycles = TurningCycles(TurningMoves(motion))
+    motion.handlers[G.G33] = threads.TurningThreads(cycles.moves).move
     return cycles
 
 
@@ -227,6 +236,8 @@ class TurningCycles(Executor):
             hint = f"give the lines from which the profile is read, or {letter} and the depth"
             raise fault("cycle-word-missing", f"{at.written} needs P and Q", at, hint)
         self.settings.depth = self.positive(depth, "the depth")
+        pointed = "." in depth.written or self._dialect.turning.least_increments
+        self.settings.doubtful = None if pointed else depth
         if retract:
             self.settings.retract = not_negative(retract, "the retract") * self._state.scale
 
@@ -258,10 +269,19 @@ class TurningCycles(Executor):
     def turn_once(self, words: LineWords, code: Code | None) -> None:
         """Execute G77 (along Z) or G79 (along X): in, cut, out, back.
 
-        R is the difference between the start and the end of the cut: of X as a radius, or of Z.
-        Without it the cut is along an axis, where nose compensation changes nothing.
+        R (or I of G77, K of G79) is the difference between the start and the end of the cut: of X
+        as a radius, or of Z. Without it the cut is along an axis, where nose compensation changes
+        nothing.
         """
         at = code.word if code else words.first()
+        alone = code is not None and not words.has_axis() and "R" not in words.rest
+        if alone and self._state.motion == G.G77:
+            # Only the mode: G90 stands in the safe lines of many programs. G94 may mean system B.
+            self._staying = _Staying()
+            message = f"{at.written} is a turning cycle here; without X or Z it makes no move"
+            self._here.report_warning("code-without-effect", message, at, "remove it")
+            return
+        self.moves.take_taper(words, "K" if self._state.motion == G.G79 else "I")
         tapered = "R" in words.rest or (code is None and "R" in self._staying.words)
         with nullcontext() if tapered else self.moves.uncompensated(at):
             self._turn_once(words, code, at)
@@ -362,10 +382,9 @@ class TurningCycles(Executor):
         moves.rapid(*point(start, place))
 
     def _increments(self, words: LineWords, at: Word) -> dict[str, float | None]:
-        """Increments in X (radius) and Z: P and Q of FANUC, I and K of Haas."""
-        letters = (
-            {"X": "P", "Z": "Q"} if self._dialect.turning.two_line_cycles else {"X": "I", "Z": "K"}
-        )
+        """Increments in X (radius) and Z: P and Q; I and K of Haas and of Series 10/11."""
+        with_p = self._dialect.turning.two_line_cycles and words.rest.keys().isdisjoint("IK")
+        letters = {"X": "P", "Z": "Q"} if with_p else {"X": "I", "Z": "K"}
         increments: dict[str, float | None] = {}
         for axis, letter in letters.items():
             word = words.take(letter, at.written)

@@ -50,6 +50,12 @@ class TurningMoves:
             raise fault("figure-active", message, at)
         refuse_modes(self.motion, self.context.state, name, at)
 
+    @staticmethod
+    def take_taper(words: LineWords, letter: str) -> None:
+        """File the taper of a single cycle, which is I or K on a Haas and in Series 10/11."""
+        if letter in words.rest and "R" not in words.rest:
+            words.rest["R"] = words.rest.pop(letter)
+
     def length(self, word: Word, unit: float) -> float:
         """Return the length of a word of a cycle in mm.
 

@@ -28,6 +28,7 @@ from cnc.gcode.dialects import Dialect
 from cnc.gcode.reader.source_text import Place
 from cnc.gcode.reader.statements import Control, Statement, Value
 from cnc.gcode.reader.words import G, LineWords, Word, fault, whole
+from cnc.gcode.turning.codes import take_least_increments
 from cnc.gcode.turning.cycles import TurningCycles
 from cnc.gcode.turning.moves import TurningMoves
 from cnc.gcode.turning.roughing import (
@@ -61,6 +62,10 @@ from cnc.model.diagnostics import GcodeError
 # repetitive cycle".
 
 
+_DOUBTFUL = 10.0
+"""Depths of the whole profile from which a depth without a decimal point is doubtful."""
+
+
 class ProfileCycles:
     """Execution of G71, G72 and G73 with the blocks of a profile."""
 
@@ -84,16 +89,21 @@ class ProfileCycles:
         moves = self._moves
         moves.check(at)
         start = moves.motion.position
+        if code != G.G73 and (kept := self._without_return(code, blocks, start)) is not blocks:
+            blocks = kept
+            message = f"the last line of the profile goes back: {at.written} ends before it"
+            moves.here.report_warning("profile-return", message, at, "write it behind the profile")
         view = self._view(code, blocks, start, at)
         profile = profile_of(blocks, start, view)
         rapid_in = bool(isinstance(blocks[0], Polyline) and math.isnan(blocks[0].feeds[0]))
         allowance = self._allowance(words, view, at)
         rises = self._check_profile(profile, at, pockets=pockets or code == G.G73)
         if not rises and abs(allowance.real) > TINY and code != G.G73:
+            # FANUC: with W the tool may bite into the side wall of a type II profile.
             letter = "U" if code == G.G72 else "W"
-            message = f"{letter} of {at.written} would cut into a wall of the pocket"
+            message = f"{letter} of {at.written} cuts into a wall of the pocket by that much"
             hint = f"give {letter}0: a profile with a pocket has its allowance across only"
-            raise fault("allowance-in-pocket", message, at, hint)
+            moves.here.report_warning("allowance-at-wall", message, at, hint)
         steps: Iterable[TurningStep]
         if code == G.G73:
             steps = repeat(self._pattern(words, profile, allowance, view, at))
@@ -105,6 +115,30 @@ class ProfileCycles:
         with moves.exact_path():
             for step in steps:
                 self._make(step, view, at, rapid_in=rapid_in)
+
+    def _without_return(self, code: G, blocks: list[Block], start: list[float]) -> list[Block]:
+        """Return the blocks without a last G0 that goes straight back at the outside of the stock.
+
+        Such a line (``N20 G0 G40 Z0.1``) ends the compensation of G70. No pass can follow it.
+        """
+        ends = ends_of(blocks)
+        if len(ends) < 3:
+            return blocks
+        last = blocks[-1]
+        if not isinstance(last, Polyline) or not math.isnan(last.feeds[-1]):
+            return blocks
+        z, x = self._moves.columns
+        along, across = (x, z) if code == G.G72 else (z, x)
+        before, end, direction = ends[-2], ends[-1], ends[-2][along] - start[along]
+        outwards = math.copysign(1.0, start[across] - ends[0][across])
+        height = [place[across] * outwards for place in ends]
+        is_outside = min(height[-2:]) >= max(height) - SLACK
+        if (end[along] - before[along]) * direction >= 0.0 or not is_outside:
+            return blocks
+        if len(last.points) == 1:
+            return blocks[:-1]
+        short = replace(last, points=last.points[:-1], feeds=last.feeds[:-1], lines=last.lines[:-1])
+        return [*blocks[:-1], short]
 
     def _view(self, code: G, blocks: list[Block], start: list[float], at: Word) -> View:
         """The view in which the stock is above and the passes go to the right."""
@@ -155,8 +189,13 @@ class ProfileCycles:
             raise fault("profile-not-monotone", message, at, "let it go in one direction")
         top = profile[0].start.imag
         if max(piece.end.imag for piece in profile) > top + SLACK:
-            message = "the profile reaches beyond the start point of the cycle"
-            raise fault("profile-start", message, at, "start the cycle outside of the stock")
+            # FANUC checks this where parameter 5104, bit 2 (FCK), is 1: alarm PS0322.
+            message = (
+                "the profile reaches beyond the start point of the cycle: no pass but the last "
+                "goes there"
+            )
+            hint = "start the cycle outside of the stock"
+            self._moves.here.report_warning("profile-beyond-start", message, at, hint)
         rises = is_monotone(piece.end.imag for piece in profile)
         if not pockets and not rises:
             message = "the profile has a pocket, and its first line has one axis only (type I)"
@@ -168,8 +207,9 @@ class ProfileCycles:
         self, words: LineWords, profile: Profile, allowance: complex, at: Word, *, pockets: bool
     ) -> Iterable[TurningStep]:
         settings = self._cycles.settings
-        depth = settings.depth
+        depth, doubtful = settings.depth, settings.doubtful
         if word := words.take("D", at.written):
+            doubtful = None
             depth = self._moves.length(word, self._dialect.turning.integer_unit)
         if depth is None:
             letter = "U" if at.number == G.G71.code else "W"
@@ -178,6 +218,13 @@ class ProfileCycles:
                 hint = "give D"
             raise fault("cycle-word-missing", f"{at.written} needs the depth of a pass", at, hint)
         cycle = Roughing(profile, allowance, depth, settings.retract, pockets)
+        if doubtful is not None and cycle.passes * _DOUBTFUL < 1.0:
+            message = f"{doubtful.written} is many times deeper than the profile"
+            hint = (
+                "write the decimal point, or set least_increments = true under [program] of the "
+                "machine file if the control counts 0.001 mm"
+            )
+            raise fault("decimal-point-needed", message, at, hint)
         if cycle.passes > MOST_PASSES:
             message = f"{at.written} makes more than {MOST_PASSES} passes"
             raise fault("cycle-too-long", message, at, "give a larger depth")
@@ -251,6 +298,8 @@ def ends_of(blocks: list[Block]) -> list[list[float]]:
 MOST_LINES = 10_000
 """Most lines of a profile; it limits the memory."""
 _PROFILE_CODES = {code.code: code for code in (G.G70, G.G71, G.G72, G.G73)}
+_NO_MOVES = frozenset((65.0, 66.0, *(float(code) for code in range(70, 80))))
+"""Calls of macros, and cycles."""
 _MODES = "FSTMNG"
 """Letters of a cycle's line that are executed before the cycle."""
 _PATH_CODES = frozenset((0.0, 1.0, 2.0, 3.0, 4.0, 9.0, 18.0, 90.0, 91.0))
@@ -291,7 +340,8 @@ class ProfileCycle:
         """Execute the cycle; return the line to continue at."""
         interpreter = flow.interpreter
         words, rest = self._sorted(flow)
-        first, last = (self._line_of(flow, words, letter, line) for letter in "PQ")
+        first = self._line_of(flow, words, "P", line)
+        last = self._line_of(flow, words, "Q", first - 1)
         if last < first:
             raise self._fault("profile-missing", "the last line of the profile is before the first")
         lines = self._lines(flow, first, last)
@@ -332,7 +382,11 @@ class ProfileCycle:
             own.append(Word(word.letter, number, word.written, word.column, word.length))
         statement = self._statement
         rest = Statement(tuple(kept), tuple(computed), statement.assignments, statement.remarks)
-        return LineWords.of(own), rest
+        words, interpreter = LineWords.of(own), flow.interpreter
+        if interpreter.dialect.turning.least_increments:
+            scale = interpreter.modal.scale
+            take_least_increments(words, self._code.code, scale)
+        return words, rest
 
     def _line_of(self, flow: Flow, words: LineWords, letter: str, line: int) -> int:
         word = words.take(letter, self._word.written)
@@ -361,9 +415,10 @@ class ProfileCycle:
             statement = _statement(flow, number)
             if statement is None:
                 continue
-            if statement.control is not None or statement.percent or _calls(statement):
+            if statement.control is not None or statement.percent or self._calls(flow, statement):
                 message = f"line {number} of the profile is no move"
-                raise self._fault("profile-line", message, "profiles have no jumps and no calls")
+                hint = "profiles have no jumps, calls and cycles"
+                raise self._fault("profile-line", message, hint)
             lines.append(_Line(number, statement))
         return lines
 
@@ -379,6 +434,20 @@ class ProfileCycle:
                 raise self._fault("profile-place", message, hint)
         return last + 1
 
+    @staticmethod
+    def _calls(flow: Flow, statement: Statement) -> bool:
+        """Whether a line has a call, an end or a cycle."""
+        aliases = flow.interpreter.dialect.aliases
+        return any(
+            (word.letter == "M" and word.number in (2.0, 30.0, 97.0, 98.0, 99.0))
+            or (
+                word.letter == "G"
+                and (aliases[word.number].code if word.number in aliases else word.number)
+                in _NO_MOVES
+            )
+            for word in statement.words
+        )
+
     def _refuse_rest(self, words: LineWords) -> None:
         if words.rest:
             word = words.first()
@@ -392,14 +461,6 @@ class ProfileCycle:
 def _statement(flow: Flow, line: int) -> Statement | None:
     window = flow.listing.window(line)
     return None if window is None else flow.listing.statement(window, line - window.first)
-
-
-def _calls(statement: Statement) -> bool:
-    return any(
-        (word.letter == "M" and word.number in (2.0, 30.0, 97.0, 98.0, 99.0))
-        or (word.letter == "G" and word.number in (65.0, 66.0))
-        for word in statement.words
-    )
 
 
 def _path_words(statement: Statement) -> Statement:

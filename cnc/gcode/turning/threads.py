@@ -126,9 +126,13 @@ class TurningThreads(Executor):
         moves.check(at)
         if not words.has_axis():
             raise fault("axis-words-missing", f"{at.written} needs X or Z", at)
-        lead, turns = self._lead_of(words, at), self._turns_per_second(at)
-        here, given = moves.place, moves.given(words, at.written)
-        self._follow(here, (given.get("Z", here[0]), given.get("X", here[1])), lead, turns)
+        turns, here = self._turns_per_second(at), moves.place
+        lead = None if self._dialect.flavour == "siemens" else self._lead_of(words, at)
+        given = moves.given(words, at.written)
+        end = given.get("Z", here[0]), given.get("X", here[1])
+        if lead is None:
+            lead = self._lead_along(words, abs(end[0] - here[0]) >= abs(end[1] - here[1]), at)
+        self._follow(here, end, lead, turns)
 
     def single(self, words: LineWords, code: Code | None) -> None:
         """Execute G78 (G92 of system A): in, one pass, out and back. R is the taper."""
@@ -137,6 +141,7 @@ class TurningThreads(Executor):
         moves.check(at)
         if code:
             staying.clear()
+        moves.take_taper(words, "I")
         lead, turns = self._lead_of(words, at), self._turns_per_second(at)
         if taper := words.take("R", at.written):
             staying["R"] = taper.number * self._state.scale
@@ -176,6 +181,19 @@ class TurningThreads(Executor):
         if state.feed_mode == "per-revolution":
             state.feed = Feed(self._lead, word.number)
         return self._lead
+
+    def _lead_along(self, words: LineWords, along_z: bool, at: Word) -> float:
+        """SINUMERIK's lead, mm a turn: K along Z, or I along X, of the axis that moves farther.
+
+        Source: Siemens, "SINUMERIK 840D sl/828D Programming Manual, Fundamentals", "Thread cutting
+        with constant lead (G33)".
+        """
+        letter, axis = ("K", "Z") if along_z else ("I", "X")
+        word = words.take(letter, at.written)
+        if word is None:
+            hint = f"give {letter} and the lead along {axis}, which moves farther"
+            raise fault("pitch-missing", f"{at.written} needs {letter}", at, hint)
+        return positive(word, "the lead") * self._state.scale
 
     def _turns_per_second(self, at: Word) -> float:
         state = self._state
@@ -270,12 +288,13 @@ class TurningThreads(Executor):
     def _thread(self, words: LineWords, at: Word, lead: float) -> Thread:
         """The thread of the words of G76 with X and Z."""
         moves, scale = self._moves, self._state.scale
+        # P is the height and R the taper; K and I on a Haas and in FANUC's Series 10/11 format.
+        two_lines = self._dialect.turning.two_line_cycles and "K" not in words.rest
+        letters = "PQR" if two_lines else "KDI"
+        tip = None if two_lines else words.take("A", at.written)
+        height, first, taper = (words.take(letter, at.written) for letter in letters)
         given = moves.given(words, at.written)
         start = moves.place
-        two_lines = self._dialect.turning.two_line_cycles
-        # FANUC's P is the height and R the taper; on a Haas they are K and I.
-        letters = "PQR" if two_lines else "KDI"
-        height, first, taper = (words.take(letter, at.written) for letter in letters)
         for letter, word in zip(
             (*"XZ", *letters[:2]), (*map(given.get, "XZ"), height, first), strict=True
         ):
@@ -286,10 +305,14 @@ class TurningThreads(Executor):
         assert first is not None
         angle, finishing, chamfer = self._angle, self._finishing, self._chamfer * lead
         if not two_lines:
-            word = words.take("A", at.written)
-            angle, finishing, chamfer = word.number if word else 0.0, 1, 0.0
-            if word:
-                self._check_angle(word, angle)
+            # The method of the infeed; P1 cuts one flank with a constant area of the chip.
+            way = words.take("P", at.written)
+            if way is not None and way.whole != 1:
+                message = f"{way.written} of {at.written}: only the infeed P1 is made"
+                raise fault("code-not-supported", message, way, "remove it, or write P1")
+            angle, finishing, chamfer = tip.number if tip else 0.0, 1, 0.0
+            if tip:
+                self._check_angle(tip, angle)
         thread = Thread(
             start=start,
             end=(given["Z"], given["X"]),
@@ -523,6 +546,9 @@ class ThreadingCycles(MotionCodes):
         rigid = state.motion == TAP
         name = "G33.1" if rigid else "G33"
         at = code.word if code else words.first()
+        if self._dialect.flavour == "siemens":
+            hint = 'set kind = "lathe" under [machine] of the machine file'
+            raise fault("code-not-supported", f"{name} (thread) is not supported", at, hint)
         refuse_modes(motion, state, name, at, inverse_time=False)
         if not words.has_axis():
             raise fault(

@@ -40,6 +40,7 @@ async function main() {
   element("accuracy").textContent = about.accuracy;
 
   const scene = new Scene(element("space"), model, [...edges(about.travel, origin, "travel"), ...edges(about.stock, origin, "stock")]);
+  scene.lathe = about.lathe;
   const graph = new Graph(element("graph"), model);
   for (const [k, {name}] of model.joints.entries()) element("joint").append(new Option("joint " + name, k + 1));
   element("joint").hidden = model.joints.length === 0;
@@ -96,7 +97,11 @@ async function main() {
       return (low === high ? low : `${low} to ${high}`) + " " + unit;
     };
     const joint = graph.joint ? graph.joint.name + ": " : "";
-    const axes = place(t).map((value, k) => "XYZ"[k] + digits(Math.round((value + origin[k]) * 1000) / 1000, 7)).join(" ");
+    // On a lathe X is a diameter.
+    const axes = place(t).map((value, k) => {
+      const twice = about.lathe && k === 0;
+      return "XYZ"[k] + (twice ? "\u2300" : "") + digits(Math.round((value + origin[k]) * (twice ? 2 : 1) * 1000) / 1000, 7);
+    }).filter((_, k) => !about.lathe || k !== 1 || extent[1][0] !== extent[1][1]).join(" ");
     return {head: `${name}${lines} \u00b7 ${clock(t)}`, rest: `${axes}\n${joint}${graph.strips.map(([, unit], k) => shown(k, unit)).join(" \u00b7 ")}`};
   }
 
@@ -229,7 +234,7 @@ async function main() {
     redraw();
   };
   const flat = extent[2][1] - extent[2][0] < 0.01 * model.size;
-  model.home = flat ? "top" : "3d";
+  model.home = about.lathe ? "front" : flat ? "top" : "3d";
   scene.look(model.home);
   model.press({channel: 0});
   handle(model);

@@ -142,7 +142,8 @@ class Scene {
   /** Return the columns of the matrix from machine axes to right, up and towards the viewer. */
   turn() {
     const [c, s, cp, sp] = [Math.cos(this.yaw), Math.sin(this.yaw), Math.cos(this.pitch), Math.sin(this.pitch)];
-    return [c, -s * sp, s * cp, s, c * sp, -c * cp, 0, cp, sp];
+    // On a lathe Z takes the place of X, and X that of Z.
+    return this.lathe ? [0, cp, sp, -s, -c * sp, c * cp, c, -s * sp, s * cp] : [c, -s * sp, s * cp, s, c * sp, -c * cp, 0, cp, sp];
   }
 
   /** Return the place of a point on the screen in CSS pixels from the upper left, and its depth. */

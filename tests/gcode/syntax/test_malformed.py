@@ -289,6 +289,7 @@ abort-possible axis-idle code-not-needed code-skipped code-without-effect commen
 expression-too-deep
 allowance-in-pocket allowance-sign decimal-point-needed lathe-dialect-unclear profile-empty
 profile-line profile-missing profile-not-monotone profile-place profile-start profile-too-long
+allowance-at-wall arc-without-center profile-beyond-start profile-return
 thread-start tool-word-form turning-plane
 comment-not-active not-gcode percent-code-behind percent-leader percent-unopened program-for-lathe
 program-for-printer

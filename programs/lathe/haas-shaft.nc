@@ -1,0 +1,50 @@
+%
+O2002 (SHAFT FOR A HAAS ST: ROUGH, FINISH, GROOVE, THREAD; STOCK 42 MM)
+(X is a diameter, F is per revolution; the cycles stand in one line each)
+(Machine file: config/lathe.toml with dialect = "haas". Zero: axis of the spindle, face of the part)
+G21 G18 G40 G80 G99
+G53 G0 X0.
+G53 G0 Z0.
+
+N1 (ROUGH)
+T101
+G50 S2500
+G97 S1200 M3
+G54 G0 X44. Z2. M8
+G96 S180
+G71 P10 Q20 U0.4 W0.1 D2. F0.25
+N10 G0 X16.
+G1 Z0. F0.1
+X20. K-1.5
+Z-24.
+X30. R-2.
+Z-40. R3.
+X38.
+X40. Z-41.
+Z-55.
+N20 X44.
+
+N2 (FINISH WITH NOSE COMPENSATION)
+G96 S220
+G42 G0 X44. Z2.
+G70 P10 Q20
+G40 G0 X60. Z20. M9
+T100
+
+N3 (GROOVE BEHIND THE THREAD)
+T303
+G97 S800 M3
+G0 X32. Z-24.
+G75 X16. Z-22. I1.5 K1. F0.08
+G0 X60. Z20.
+T300
+
+N4 (THREAD M20 X 1.5)
+T404
+G97 S600
+G0 X24. Z4.
+G76 X18.16 Z-21. K0.92 D0.3 F1.5 A60
+G0 X60. Z60.
+T400 M5
+M30
+%

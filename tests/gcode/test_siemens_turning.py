@@ -1,0 +1,105 @@
+"""SINUMERIK on a lathe: diameters, the limit of the speed, turret, threads by K and I."""
+
+from __future__ import annotations
+
+import pytest
+
+from cnc.gcode import dialects
+from cnc.gcode.core.modal_groups import ReadingPolicy
+from cnc.gcode.core.tool_table import ToolEntry, ToolTable
+from cnc.model.blocks import Spindle
+from cnc.model.diagnostics import GcodeError
+from tests.support.gcode.gcode_cases import block_summaries, run
+from tests.support.paths import ROOT
+
+LATHE = {
+    "dialect": dialects.load("siemens"),
+    "axes": ("x", "z"),
+    "policy": ReadingPolicy(tool_lengths="zero"),
+    "lathe": True,
+    "tools": ToolTable([ToolEntry(1, 1), ToolEntry(2, 2)]),
+}
+START = "G18 G90 G95 G97 S600 M4\nG0 X40 Z5\n"
+STARTED = ["spindle ccw 600", "rapid 20 5"]
+
+
+def summaries(source: str) -> list[str]:
+    """The blocks of a program, as text, without those at its start and end."""
+    found = block_summaries(f"{START}{source}\nM30", **LATHE)
+    assert found[:2] == STARTED
+    return found[2:-2]
+
+
+def spindles(source: str) -> list[tuple[float, float]]:
+    """Speed and surface speed (mm/s) of the blocks of the spindle."""
+    blocks = run(f"{source}\nM30", **LATHE)
+    return [(each.rpm, each.surface_speed) for each in blocks if isinstance(each, Spindle)][:-1]
+
+
+def test_lims_limits_the_speed_and_stays() -> None:
+    source = "G96 S120 LIMS=1500 M3\nG97 S300\nG96 S90\nG97 S4000\nLIMS=800\nG96 S60"
+    assert spindles(source) == [
+        (1500, 2000), (300, 0), (1500, 1500), (1500, 0), (800, 1000)
+    ]  # fmt: skip
+
+
+def test_lims_is_no_limit_without_a_value_above_0() -> None:
+    with pytest.raises(GcodeError, match="LIMS-5"):
+        spindles("G96 S120 LIMS=-5 M3")
+
+
+THREADS = {
+    "along Z": (
+        "G33 Z-20 K1.5",
+        ["sync 1.5", "line 20 -20 F900", "sync 0"],
+    ),
+    "along X": ("G33 X60 I2", ["sync 2", "line 30 5 F1200", "sync 0"]),
+    "on a cone, further lines without a stop": (
+        "G33 Z-5 X44 K2 SF=0\nZ-15 K2\nG0 X50",
+        ["sync 2.039608", "line 22 -5 F1223.764683", "line 22 -15 F1200", "sync 0", "rapid 25 -15"],
+    ),
+    "F stays the feed": (
+        "G1 Z4 F0.2\nG33 Z-5 K1\nG1 Z-6",
+        ["line 20 4 F120", "sync 1", "line 20 -5 F600", "sync 0", "line 20 -6 F120"],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", THREADS)
+def test_the_lead_counts_along_the_axis_that_moves_farther(name: str) -> None:
+    source, expected = THREADS[name]
+    assert summaries(source) == expected
+
+
+@pytest.mark.parametrize(
+    ("source", "code"),
+    [
+        ("G33 Z-20 I1.5", "pitch-missing"),
+        ("G33 Z-20", "pitch-missing"),
+        ("G33 Z-20 K0", "value-out-of-range"),
+        ("G33 Z-20 K1 SF=90", "code-not-supported"),
+        ("G96 S100\nG33 Z-20 K1", "surface-speed-active"),
+        ("M5\nG33 Z-20 K1", "spindle-stopped"),
+        ("TRANSMIT", "code-not-supported"),
+    ],
+)
+def test_errors(source: str, code: str) -> None:
+    with pytest.raises(GcodeError) as caught:
+        summaries(source)
+    assert caught.value.diagnostic.code == code
+
+
+def test_a_tool_word_turns_the_turret() -> None:
+    assert summaries("T1 D1\nT1 D1\nT2 D1") == ["tool 1", "tool 2"]
+    assert summaries("T1\nM6\nT2 M6\nM3") == [
+        "tool 1", "spindle off 0", "tool 1", "tool 2", "spindle cw 600"
+    ]  # fmt: skip
+
+
+def test_the_shipped_program_ends_its_lines_where_it_says() -> None:
+    text = (ROOT / "programs" / "lathe" / "siemens-shaft.mpf").read_text(encoding="ascii")
+    found = block_summaries(text, **LATHE)
+    assert [each for each in found if each.startswith("tool")] == ["tool 1", "tool 2", "tool 3"]
+    threads = [found[k + 1] for k, each in enumerate(found) if each == "sync 1.5"]
+    assert threads == [f"line {x} -18 F900" for x in (9.7, 9.545, 9.39, 9.235, 9.08)]
+    assert found[-1] == "end"
