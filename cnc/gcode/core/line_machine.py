@@ -27,7 +27,6 @@ from cnc.model.blocks import (
     PathMode,
     Plane,
     Spindle,
-    blocks_of,
 )
 from cnc.model.parameter_numbers import CURRENT_SYSTEM
 
@@ -66,27 +65,31 @@ class RowBlocks:
         if kind == kernel.ARC:
             planes = map(_PLANES.__getitem__, data[4].astype(np.intp).tolist())
             centers = zip(*data[:2].tolist(), strict=True)
-            ends, feeds = list(rows.points[numbers]), rows.feeds[numbers].tolist()
-            return blocks_of(
-                ArcFeed, files, lines, planes, centers, ends, *data[2:4].tolist(), feeds,
-                repeat(False),
+            feeds = rows.feeds[numbers].tolist()
+            return list(
+                map(ArcFeed, files, lines, planes, centers, rows.points[numbers],
+                    *data[2:4].tolist(), feeds)
             )  # fmt: skip
         if kind == kernel.SPINDLE:
             states = map(SPINDLE_STATES.__getitem__, data[0].astype(np.intp).tolist())
             in_motion = map(bool, data[2].tolist()) if self._laser else repeat(False)
-            speeds = data[1].tolist()
-            return blocks_of(Spindle, files, lines, states, speeds, repeat(0.0), in_motion)
+            return list(
+                map(Spindle, files, lines, states, data[1].tolist(), repeat(0.0), in_motion)
+            )
         first = data[0].tolist()
         if kind == kernel.COOLANT:
-            return blocks_of(Coolant, files, lines, map(bool, first), map(bool, data[1].tolist()))
+            return list(map(Coolant, files, lines, map(bool, first), map(bool, data[1].tolist())))
         if kind == kernel.BOUNDARY:
             # Calls of the main program are marked, whose file this is.
-            return blocks_of(CallBoundary, files, lines, map(bool, first))
+            return list(map(CallBoundary, files, lines, map(bool, first)))
         if kind == kernel.PATH:
-            controls = ["blend" if blends else "exact-path" for blends in first]
-            tolerances = [self._tolerance if blends else 0.0 for blends in first]
-            return blocks_of(PathMode, files, lines, controls, tolerances)
-        return blocks_of(Dwell, files, lines, first)
+            return [
+                PathMode(self._file, line, "blend", self._tolerance)
+                if blends
+                else PathMode(self._file, line, "exact-path")
+                for line, blends in zip(lines, first, strict=True)
+            ]
+        return list(map(Dwell, files, lines, first))
 
 
 MOST_ROWS = 8192

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -210,7 +211,7 @@ def interpret(
     flow = Flow(interpreter, listing, library, options.limits, mark_calls=options.mark_calls)
     maker = StepMaker(flow, rules, options.policy.codes)
     first = _behind_leader(flow, text, syntax) if _may_have_leader(rules) else 1
-    yield from _run(flow, maker, first, options.on_line)
+    yield from chain.from_iterable(_run(flow, maker, first, options.on_line))
 
 
 def _may_have_leader(rules: dialects.Dialect) -> bool:
@@ -248,8 +249,8 @@ def _mark_tool_offsets(interpreter: Interpreter) -> None:
 
 def _run(
     flow: Flow, maker: StepMaker, first: int, on_line: Callable[[int], None] | None
-) -> Iterator[Block]:
-    """Execute the program from a line on, and end it."""
+) -> Iterator[list[Block]]:
+    """Execute the program from a line on, and end it. Lists are yielded, which are emptied."""
     ready = flow.interpreter.out.ready
     try:
         yield from _execute_lines(flow, maker, first, _Watch(flow, on_line))
@@ -257,16 +258,18 @@ def _run(
             report_uncalled(flow)
     except GcodeError:
         if flow.interpreter.aborted:
-            yield from ready
+            yield ready
         raise
     flow.unwind()
     if on_line is not None:
         on_line(flow.executed)
-    yield from ready
+    yield ready
     ready.clear()
 
 
-def _execute_lines(flow: Flow, maker: StepMaker, line: int, watch: _Watch) -> Iterator[Block]:
+def _execute_lines(
+    flow: Flow, maker: StepMaker, line: int, watch: _Watch
+) -> Iterator[list[Block]]:
     """Execute line by line from ``line`` on until the program ends.
 
     All state that each line needs is in local variables, since loops execute millions of lines.
@@ -309,7 +312,7 @@ def _execute_lines(flow: Flow, maker: StepMaker, line: int, watch: _Watch) -> It
                 if flow.listing is not listing:
                     listing, count = flow.listing, 0
             if ready:
-                yield from ready
+                yield ready
                 ready.clear()
                 interpreter.out.take_answers()
     except GcodeError as error:
