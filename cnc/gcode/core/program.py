@@ -267,9 +267,7 @@ def _run(
     ready.clear()
 
 
-def _execute_lines(
-    flow: Flow, maker: StepMaker, line: int, watch: _Watch
-) -> Iterator[list[Block]]:
+def _execute_lines(flow: Flow, maker: StepMaker, line: int, watch: _Watch) -> Iterator[list[Block]]:
     """Execute line by line from ``line`` on until the program ends.
 
     All state that each line needs is in local variables, since loops execute millions of lines.
