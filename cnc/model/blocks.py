@@ -33,7 +33,7 @@ AnyBlock = TypeVar("AnyBlock")
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(field,))
-def _block(kind: type[AnyBlock]) -> type[AnyBlock]:
+def canonical(kind: type[AnyBlock]) -> type[AnyBlock]:
     """Make a class of blocks. Nothing changes a block, which only type checkers enforce.
 
     A frozen dataclass takes six times as long to make an object.
@@ -41,7 +41,7 @@ def _block(kind: type[AnyBlock]) -> type[AnyBlock]:
     return dataclass(slots=True)(kind)
 
 
-@_block
+@canonical
 class Block:
     """A canonical block.
 
@@ -54,7 +54,7 @@ class Block:
     line: int
 
 
-@_block
+@canonical
 class Polyline(Block):
     """A run of straight moves from the current position. ``line`` is the line of the first move.
 
@@ -74,7 +74,7 @@ class Polyline(Block):
     timed: bool = False
 
 
-@_block
+@canonical
 class ArcFeed(Block):
     """A circular or helical move.
 
@@ -100,7 +100,7 @@ class ArcFeed(Block):
     timed: bool = False
 
 
-@_block
+@canonical
 class NurbsFeed(Block):
     """A move along a NURBS curve. The first control point is the start position.
 
@@ -121,7 +121,7 @@ class NurbsFeed(Block):
     timed: bool = False
 
 
-@_block
+@canonical
 class CallBoundary(Block):
     """The main program begins a call at this line (``inside``) or has returned from it.
 
@@ -131,7 +131,7 @@ class CallBoundary(Block):
     inside: bool
 
 
-@_block
+@canonical
 class ToolOffset(Block):
     """The tool offset from here on: position of the axes less ``offset`` is that of the tool tip.
 
@@ -144,7 +144,7 @@ class ToolOffset(Block):
     offset: tuple[float, ...]
 
 
-@_block
+@canonical
 class PathMode(Block):
     """Path control from here on: G61.1 (exact-stop), G61 (exact-path) or G64 (blend).
 
@@ -157,7 +157,7 @@ class PathMode(Block):
     tolerance: float = 0.0
 
 
-@_block
+@canonical
 class TipControl(Block):
     """Tool-tip control begins or ends. The joints do not move.
 
@@ -171,12 +171,12 @@ class TipControl(Block):
     position: NDArray[np.float64]
 
 
-@_block
+@canonical
 class Dwell(Block):
     seconds: float
 
 
-@_block
+@canonical
 class Spindle(Block):
     """Spindle direction and speed (M3, M4, M5).
 
@@ -193,7 +193,7 @@ class Spindle(Block):
     with_motion: bool = False
 
 
-@_block
+@canonical
 class Orient(Block):
     """Turn the spindle to an angle and hold it there (M19).
 
@@ -208,20 +208,20 @@ class Orient(Block):
     timeout: float = 0.0
 
 
-@_block
+@canonical
 class SpindleSync(Block):
     """From here on moves follow the spindle by ``pitch`` mm per turn; 0 ends this."""
 
     pitch: float
 
 
-@_block
+@canonical
 class Coolant(Block):
     mist: bool
     flood: bool
 
 
-@_block
+@canonical
 class Tool(Block):
     """Change to tool ``number`` (M6), or state that the spindle already has it (M61).
 
@@ -234,7 +234,7 @@ class Tool(Block):
     change: bool = True
 
 
-@_block
+@canonical
 class Stop(Block):
     """Wait for the operator: M0, M1 (``optional``) or M60 (``pallet``)."""
 
@@ -242,19 +242,19 @@ class Stop(Block):
     pallet: bool = False
 
 
-@_block
+@canonical
 class End(Block):
     """End of the program (M2, M30)."""
 
 
-@_block
+@canonical
 class Message(Block):
     """A message ``(MSG, text)`` for the operator; motion continues."""
 
     text: str
 
 
-@_block
+@canonical
 class Abort(Block):
     """An abort by the program, ``(ABORT, text)``.
 
@@ -263,7 +263,7 @@ class Abort(Block):
     """
 
 
-@_block
+@canonical
 class Overrides(Block):
     """Overrides that the operator may use from here on (M48 to M53)."""
 
@@ -273,7 +273,7 @@ class Overrides(Block):
     feed_stop: bool
 
 
-@_block
+@canonical
 class DigitalOutput(Block):
     """Set a digital output (M62 to M65): with the start of the next move, or at once."""
 
@@ -282,7 +282,7 @@ class DigitalOutput(Block):
     with_motion: bool
 
 
-@_block
+@canonical
 class AnalogOutput(Block):
     """Set an analogue output (M67, M68): with the start of the next move, or at once.
 
@@ -310,7 +310,7 @@ class Answer:
 WaitMode = Literal["immediate", "rise", "fall", "high", "low"]
 
 
-@_block
+@canonical
 class WaitInput(Block):
     """Read an input, or wait for a change of it (M66).
 
@@ -334,7 +334,7 @@ class WaitInput(Block):
         return (1.0 if self.mode in ("rise", "high") else 0.0,)
 
 
-@_block
+@canonical
 class Probe(Block):
     """A straight probing move (G38.2 to G38.5).
 
@@ -358,7 +358,7 @@ class Probe(Block):
         return (1.0, *self.end.tolist())
 
 
-@_block
+@canonical
 class SwitchMove(Probe):
     """A homing move, which ends when the limit switch of column ``switch`` closes or opens.
 
@@ -373,7 +373,7 @@ class SwitchMove(Probe):
     motor: int | None = None
 
 
-@_block
+@canonical
 class BoardCommand(Block):
     """A line for the board itself, such as GRBL's ``$H``. It is sent unchanged.
 
@@ -396,7 +396,7 @@ class BoardCommand(Block):
         return ()
 
 
-@_block
+@canonical
 class Held(Block):
     """The motion rests here, on its path to the end of ``line``, until the operator resumes it.
 

@@ -26,11 +26,11 @@ from cnc.model.diagnostics import GcodeError
 #     G5.1 X Y I J     quadratic: I J from the start to the control point, 0 where one is missing
 #
 # They are as in LinuxCNC ("G5 Cubic Spline", "G5.1 Quadratic Spline"), but in every plane: I
-# belongs to X, J to Y and K to Z, and P and Q are the second point's offsets along the plane's first
-# and second axis (X Y, Z X, Y Z). The offsets count from the start or the end, also under G90.1.
-# Only the plane's two axes move. A G5 directly after another may have no I and J: it continues in
-# the direction and with the speed of its end (-P -Q). "Directly" means that there is no move between
-# them.
+# belongs to X, J to Y and K to Z, and P and Q are the second point's offsets along the plane's
+# first and second axis (X Y, Z X, Y Z). The offsets count from the start or the end, also under
+# G90.1. Only the plane's two axes move. A G5 directly after another may have no I and J: it
+# continues in the direction and with the speed of its end (-P -Q). "Directly" means that there is
+# no move between them.
 
 CUBIC, QUADRATIC = G.G5, G.G5_1
 
