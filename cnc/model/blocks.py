@@ -11,6 +11,7 @@ straight moves as arrays.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import repeat
 from typing import Literal, TypeVar, dataclass_transform, get_args
@@ -412,8 +413,8 @@ Moves = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]
 
 def polylines_of(
     file: str, moves: Moves, begins: list[int], ends: list[int], *, timed: bool = False
-) -> list[Polyline]:
-    """Return polylines of some parts of straight moves, none of which is empty.
+) -> Iterator[Polyline]:
+    """Yield polylines of some parts of straight moves, none of which is empty.
 
     Args:
         file: File of the moves.
@@ -424,15 +425,13 @@ def polylines_of(
     """
     points, feeds, lines = moves
     spans = list(map(slice, begins, ends))
-    return list(
-        map(
-            Polyline,
-            repeat(file),
-            lines[begins].tolist(),
-            map(points.__getitem__, spans),
-            map(feeds.__getitem__, spans),
-            map(lines.__getitem__, spans),
-            repeat(None),
-            repeat(timed),
-        )
+    return map(
+        Polyline,
+        repeat(file),
+        lines[begins].tolist(),
+        map(points.__getitem__, spans),
+        map(feeds.__getitem__, spans),
+        map(lines.__getitem__, spans),
+        repeat(None),
+        repeat(timed),
     )

@@ -6,7 +6,7 @@ executed as often as the flow of control reaches the line.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
@@ -48,6 +48,7 @@ FIRST_LINES = 8192
 """Repeated lines before the first state is kept: most loops end before."""
 
 _State = tuple[object, ...]
+_Group = Iterable[Block]
 
 
 class RepeatedStates:
@@ -249,8 +250,8 @@ def _mark_tool_offsets(interpreter: Interpreter) -> None:
 
 def _run(
     flow: Flow, maker: StepMaker, first: int, on_line: Callable[[int], None] | None
-) -> Iterator[list[Block]]:
-    """Execute the program from a line on, and end it. Lists are yielded, which are emptied."""
+) -> Iterator[_Group]:
+    """Execute the program from a line on, and end it. Groups of blocks are yielded."""
     ready = flow.interpreter.out.ready
     try:
         yield from _execute_lines(flow, maker, first, _Watch(flow, on_line))
@@ -258,16 +259,16 @@ def _run(
             report_uncalled(flow)
     except GcodeError:
         if flow.interpreter.aborted:
-            yield ready
+            yield from ready
         raise
     flow.unwind()
     if on_line is not None:
         on_line(flow.executed)
-    yield ready
+    yield from ready
     ready.clear()
 
 
-def _execute_lines(flow: Flow, maker: StepMaker, line: int, watch: _Watch) -> Iterator[list[Block]]:
+def _execute_lines(flow: Flow, maker: StepMaker, line: int, watch: _Watch) -> Iterator[_Group]:
     """Execute line by line from ``line`` on until the program ends.
 
     All state that each line needs is in local variables, since loops execute millions of lines.
@@ -310,7 +311,7 @@ def _execute_lines(flow: Flow, maker: StepMaker, line: int, watch: _Watch) -> It
                 if flow.listing is not listing:
                     listing, count = flow.listing, 0
             if ready:
-                yield ready
+                yield from ready
                 ready.clear()
                 interpreter.out.take_answers()
     except GcodeError as error:
