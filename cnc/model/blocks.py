@@ -29,7 +29,6 @@ AxisLetter = Literal["x", "y", "z", "a", "b", "c", "u", "v", "w"]
 AXIS_LETTERS: tuple[AxisLetter, ...] = get_args(AxisLetter)
 ROTARY_LETTERS = frozenset("abc")
 
-
 AnyBlock = TypeVar("AnyBlock")
 
 
@@ -39,7 +38,7 @@ def canonical(kind: type[AnyBlock]) -> type[AnyBlock]:
 
     A frozen dataclass takes six times as long to make an object.
     """
-    return dataclass(slots=True)(kind)
+    return dataclass(slots=True, unsafe_hash=True)(kind)
 
 
 @canonical

@@ -288,7 +288,7 @@ class StepMaker:
         self._flow = flow
         self._builder_codes = codes
         self._dialect = dialect
-        self._macro = flow.parameters.macro
+        self._macro = dialect.flavour == "macro-b"
         self._makers = _makers(dialect.flavour)
         machine = LineMachine(flow.interpreter)
         self._runs = PlainLines(flow.interpreter, machine)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import random
 from dataclasses import fields
-from itertools import chain
+from itertools import chain, islice
 from typing import Any
 
 import numpy as np
@@ -15,10 +16,11 @@ from cnc.gcode.core.interpreter import Interpreter
 from cnc.gcode.core.line_machine import LineMachine
 from cnc.gcode.core.line_steps import PlainLines
 from cnc.gcode.core.modal_groups import ReadingPolicy
+from cnc.gcode.core.program import interpret
 from cnc.gcode.reader.parameters import Parameters
 from cnc.gcode.reader.parser import Syntax
 from cnc.gcode.reader.source_text import Text
-from cnc.model.blocks import Answer, Block, Polyline
+from cnc.model.blocks import Answer, ArcFeed, Block, Polyline
 from cnc.model.diagnostics import GcodeError
 from tests.support.soak import share
 
@@ -291,3 +293,15 @@ def test_traverses_have_no_feed() -> None:
     assert isinstance(block, Polyline)
     assert np.array_equal(block.feeds, [np.nan, 1.0, np.nan, np.nan], equal_nan=True)
     assert block.lines.tolist() == [1, 2, 4, 5]
+
+
+@pytest.mark.parametrize("between", [[], ["G1 X5"]])
+def test_blocks_of_a_long_program_do_not_exist_at_once(between: list[str]) -> None:
+    """Their memory would not fit into the cache, which doubles the time that they take."""
+    lines = ["G17 G91 G1 F500 X0", *["G2 X1 I0.5", *between] * 6000, "M2"]
+    gc.collect()
+    blocks = interpret(Text.of_lines(lines, "arcs.nc"))
+    taken = list(islice((block for block in blocks if block.line > 5000), 1))
+    kept = sum(isinstance(each, ArcFeed | Polyline) for each in gc.get_objects())
+    assert len(taken) == 1
+    assert kept < 20
