@@ -15,13 +15,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.model.blocks import Answer, Block
+from cnc.model.blocks import Answer, Block, canonical
 from cnc.path.block_pieces import Frame, Gatherer, Pieces
 from cnc.path.chunk import PathChunk
 from cnc.path.fit_curves import LEFT, SPARE, Arc
@@ -263,7 +263,7 @@ SHORT_ALONE = 100.0
 """In tolerances. So it is in a part with one turn."""
 
 
-@dataclass(frozen=True, slots=True)
+@canonical
 class Alternatives(Block):
     """Two paths along the same moves, from rest to rest.
 

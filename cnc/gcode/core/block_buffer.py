@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from itertools import compress
+from itertools import chain, compress, islice, zip_longest
 from typing import NamedTuple
 
 import numpy as np
@@ -83,7 +83,9 @@ class BlockBuffer:
     """Blocks of a program in order.
 
     Attributes:
-        ready: Blocks that are complete. The caller empties the list.
+        ready: Blocks that are complete, in groups. Each group can be taken once: many blocks are
+            made while they are taken, so that they never need memory at once. The caller empties
+            the list.
         unanswered: Blocks whose answers are processed before the next line is executed.
         defer: Takes each block that is not a move, instead of ``ready``, if it must follow a move
             that is not complete.
@@ -94,7 +96,7 @@ class BlockBuffer:
     """
 
     def __init__(self, here: SourceLocation, axes: int) -> None:
-        self.ready: list[Block] = []
+        self.ready: list[Iterable[Block]] = []
         self.unanswered: list[tuple[Question, TakeAnswer]] = []
         self.defer: Callable[[Block], None] | None = None
         self.asked = self.assumed = False
@@ -146,7 +148,7 @@ class BlockBuffer:
         feeds: NDArray[np.float64],
         lines: NDArray[np.int32],
         places: NDArray[np.intp],
-        blocks: list[Block],
+        made: Callable[[NDArray[np.intp]], Iterator[Block]],
         spindle: NDArray[np.bool_],
     ) -> None:
         """Add straight moves with other blocks among them, none of which is left out.
@@ -156,9 +158,13 @@ class BlockBuffer:
             feeds: Likewise.
             lines: Likewise.
             places: Rows of the other blocks, ascending. There is at least one.
-            blocks: The other blocks.
+            made: Makes the blocks of some of these rows.
             spindle: Flags of those that are of the spindle; the others do not go with the motion.
         """
+        if not spindle.any():
+            self._interleaved(points, feeds, lines, places, made(places))
+            return
+        blocks = list(made(places))
         straight = np.ones(len(feeds), np.bool_)
         straight[places] = False
         carried = self._carried(straight, places, blocks, spindle)
@@ -178,7 +184,7 @@ class BlockBuffer:
                 part = slice(row, begin)
                 before = slice(block, first)
                 moves = points[part], feeds[part], lines[part]
-                self._interleaved(*moves, places[before] - row, blocks[before])
+                self._interleaved(*moves, places[before] - row, iter(blocks[before]))
             row, block = end, first + count
             part = slice(begin, end)
             some = straight[part]
@@ -187,7 +193,7 @@ class BlockBuffer:
             self._moves_with_commands(*moves, at, blocks[first:block])
         if row < len(feeds):
             moves = points[row:], feeds[row:], lines[row:]
-            self._interleaved(*moves, places[block:] - row, blocks[block:])
+            self._interleaved(*moves, places[block:] - row, iter(blocks[block:]))
 
     def _carried(
         self,
@@ -259,7 +265,7 @@ class BlockBuffer:
         if place:
             self._commands[place] = (*self._commands.get(place, ()), command)
         else:
-            self.ready.append(command)
+            self.ready.append((command,))
 
     def _note_commands(self, places: NDArray[np.intp], commands: list[Block]) -> None:
         """Note the commands of moves that follow, by their places in the polyline."""
@@ -276,33 +282,30 @@ class BlockBuffer:
         feeds: NDArray[np.float64],
         lines: NDArray[np.int32],
         places: NDArray[np.intp],
-        blocks: list[Block],
+        blocks: Iterator[Block],
     ) -> None:
-        """Add moves and blocks that no polyline carries; arguments as of :meth:`mixed`."""
+        """Add moves and blocks that no polyline carries; ``blocks`` are those at ``places``."""
         begins, ends = places[:-1] + 1, places[1:]
         for k in np.flatnonzero(ends - begins > MAX_MOVES)[:1].tolist():
             cut = int(begins[k])
-            head, tail = slice(cut), slice(cut, None)
-            before, behind = slice(k + 1), slice(k + 1, None)
-            for rows, part, at in (
-                (head, before, places[before]),
-                (tail, behind, places[behind] - cut),
+            for rows, some, at in (
+                (slice(cut), islice(blocks, k + 1), places[: k + 1]),
+                (slice(cut, None), blocks, places[k + 1 :] - cut),
             ):
-                self._interleaved(points[rows], feeds[rows], lines[rows], at, blocks[part])
+                self._interleaved(points[rows], feeds[rows], lines[rows], at, some)
             return
         first, last = int(places[0]), int(places[-1])
         if first:
             self.moves(points[:first], feeds[:first], lines[:first])
         self.flush()
-        runs = np.flatnonzero(ends > begins)
-        polylines = polylines_of(
-            self._here.file, (points, feeds, lines), begins[runs].tolist(), ends[runs].tolist()
-        )
-        ordered: list[Block | None] = [None] * (2 * len(blocks) - 1)
-        ordered[::2] = blocks
-        for place, polyline in zip((2 * runs + 1).tolist(), polylines, strict=True):
-            ordered[place] = polyline
-        self.ready.extend(filter(None, ordered))
+        moved = ends > begins
+        if moved.any():
+            runs = begins[moved].tolist(), ends[moved].tolist()
+            polylines = polylines_of(self._here.file, (points, feeds, lines), *runs)
+            between = (next(polylines) if moves else None for moves in moved.tolist())
+            self.ready.append(filter(None, chain.from_iterable(zip_longest(blocks, between))))
+        else:
+            self.ready.append(blocks)
         if last + 1 < len(feeds):
             self.moves(points[last + 1 :], feeds[last + 1 :], lines[last + 1 :])
 
@@ -321,16 +324,8 @@ class BlockBuffer:
             self.move(end, feed, line)
             return
         self.flush()
-        self.ready.append(
-            Polyline(
-                file,
-                line,
-                np.array([end]),
-                np.array([feed]),
-                np.array([line], dtype=np.int32),
-                timed=self._timed,
-            )
-        )
+        points, feeds, lines = np.array([end]), np.array([feed]), np.array([line], dtype=np.int32)
+        self.ready.append((Polyline(file, line, points, feeds, lines, timed=self._timed),))
 
     def put(self, block: Block) -> None:
         """Add any other block directly after the moves."""
@@ -344,7 +339,7 @@ class BlockBuffer:
         self.flush()
         if self._timed and isinstance(block, ArcFeed | NurbsFeed):
             block = replace(block, timed=True)
-        self.ready.append(block)
+        self.ready.append((block,))
 
     def set_timed(self, on: bool) -> None:
         """State whether the moves from here on take the time of their F (G93)."""
@@ -379,9 +374,9 @@ class BlockBuffer:
     def restore(self, kept: Diverted) -> list[Block]:
         """Return the blocks since :meth:`divert`; what is in effect is as before."""
         self.flush()
-        found = self.ready
+        blocks = list(chain.from_iterable(self.ready))
         self.ready, self.in_effect, self._turning = kept
-        return found
+        return blocks
 
     @contextmanager
     def captured(self) -> Iterator[list[Block]]:
@@ -407,10 +402,10 @@ class BlockBuffer:
             lines = np.concatenate([piece[2] for piece in self._pieces])
         behind = self._commands.pop(self._held, ()) if self._commands else ()
         commands = command_array(self._held, self._commands, self._many_commands)
-        self.ready.append(
-            Polyline(self._here.file, int(lines[0]), points, feeds, lines, commands, self._timed)
+        moves = Polyline(
+            self._here.file, int(lines[0]), points, feeds, lines, commands, self._timed
         )
-        self.ready.extend(behind)
+        self.ready.append((moves, *behind))
         self._pieces, self._held, self._commands, self._many_commands = [], 0, {}, []
 
     def _pack(self) -> None:

@@ -77,7 +77,7 @@ class CommentCommands(Executor):
 
     def __init__(self, context: Context) -> None:
         super().__init__(context)
-        self._aborts = context.dialect.flavour == "ngc"
+        self._aborts = context.dialect.lines.aborts
         self._noted: set[str] = set()
         self._may_abort: set[tuple[str, int]] = set()
 
@@ -139,7 +139,7 @@ class Assignments(Executor):
     def __init__(self, context: Context) -> None:
         super().__init__(context)
         # RS274/NGC computes all values before the first is set.
-        self._one_by_one = context.dialect.flavour == "siemens"
+        self._one_by_one = context.dialect.lines.one_by_one
 
     def execute(self, assignments: tuple[Assignment, ...]) -> None:
         """Set parameters."""

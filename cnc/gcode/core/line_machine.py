@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import repeat
 from typing import Any, Literal, NamedTuple
@@ -27,7 +28,6 @@ from cnc.model.blocks import (
     PathMode,
     Plane,
     Spindle,
-    blocks_of,
 )
 from cnc.model.parameter_numbers import CURRENT_SYSTEM
 
@@ -49,44 +49,44 @@ class RowBlocks:
         self._rows, self._file = rows, file
         self._tolerance, self._laser = tolerance, laser
 
-    def of(self, numbers: NDArray[np.intp]) -> list[Block]:
-        """Return the blocks of some rows, given by their numbers."""
+    def of(self, numbers: NDArray[np.intp]) -> Iterator[Block]:
+        """Return the blocks of some rows, given by their numbers. They are made when taken."""
         kinds = self._rows.kinds[numbers]
         different = set(kinds.tolist())
         if len(different) == 1:
             return self._of_kind(different.pop(), numbers)
-        of_kind = {kind: iter(self._of_kind(kind, numbers[kinds == kind])) for kind in different}
+        of_kind = {kind: self._of_kind(kind, numbers[kinds == kind]) for kind in different}
         # Each next block is the next one of the kind of its row.
-        return [next(of_kind[kind]) for kind in kinds.tolist()]
+        return map(next, map(of_kind.__getitem__, kinds.tolist()))
 
-    def _of_kind(self, kind: int, numbers: NDArray[np.intp]) -> list[Block]:
-        """Return the blocks of rows of one kind."""
+    def _of_kind(self, kind: int, numbers: NDArray[np.intp]) -> Iterator[Block]:
+        """Return the blocks of rows of one kind. They have copies of the numbers."""
         rows, files = self._rows, repeat(self._file)
-        lines, data = rows.lines[numbers].tolist(), rows.data[numbers].T
+        lines, data = rows.lines[numbers].data, rows.data[numbers].T
         if kind == kernel.ARC:
             planes = map(_PLANES.__getitem__, data[4].astype(np.intp).tolist())
-            centers = zip(*data[:2].tolist(), strict=True)
-            ends, feeds = list(rows.points[numbers]), rows.feeds[numbers].tolist()
-            return blocks_of(
-                ArcFeed, files, lines, planes, centers, ends, *data[2:4].tolist(), feeds,
-                repeat(False),
-            )  # fmt: skip
+            x, y, radius, turns = (column.data for column in data[:4])
+            centers, ends = zip(x, y, strict=True), rows.points[numbers]
+            feeds = rows.feeds[numbers].data
+            return map(ArcFeed, files, lines, planes, centers, ends, radius, turns, feeds)
+        first, second = data[0].data, data[1].data
         if kind == kernel.SPINDLE:
             states = map(SPINDLE_STATES.__getitem__, data[0].astype(np.intp).tolist())
             in_motion = map(bool, data[2].tolist()) if self._laser else repeat(False)
-            speeds = data[1].tolist()
-            return blocks_of(Spindle, files, lines, states, speeds, repeat(0.0), in_motion)
-        first = data[0].tolist()
+            return map(Spindle, files, lines, states, second, repeat(0.0), in_motion)
         if kind == kernel.COOLANT:
-            return blocks_of(Coolant, files, lines, map(bool, first), map(bool, data[1].tolist()))
+            return map(Coolant, files, lines, map(bool, first), map(bool, second))
         if kind == kernel.BOUNDARY:
             # Calls of the main program are marked, whose file this is.
-            return blocks_of(CallBoundary, files, lines, map(bool, first))
+            return map(CallBoundary, files, lines, map(bool, first))
         if kind == kernel.PATH:
-            controls = ["blend" if blends else "exact-path" for blends in first]
-            tolerances = [self._tolerance if blends else 0.0 for blends in first]
-            return blocks_of(PathMode, files, lines, controls, tolerances)
-        return blocks_of(Dwell, files, lines, first)
+            return map(self._path_mode, lines, first)
+        return map(Dwell, files, lines, first)
+
+    def _path_mode(self, line: int, blends: float) -> PathMode:
+        if blends:
+            return PathMode(self._file, line, "blend", self._tolerance)
+        return PathMode(self._file, line, "exact-path")
 
 
 MOST_ROWS = 8192
@@ -315,7 +315,6 @@ class LineMachine:
             flooding,
             *self._series(),
             0,
-            0,
         )
         return lines
 
@@ -325,7 +324,7 @@ class LineMachine:
         (
             mode, resting, plane, absolute, initial, linear, rotary, spindle, speed, mist, flood,
             feed_word, feed_line, speed_word, speed_line, turning, rpm, misting, flooding,
-            *series, _, _,
+            *series, _,
         ) = self._state[0].item()  # fmt: skip
         modal.motion, assumed = _MOTION_OF.get(mode), self._interpreter.motion.assumed
         assumed.resting = _MOTION_OF[resting]
@@ -420,7 +419,7 @@ class LineMachine:
         if kernel.PATH in kinds:
             out.in_effect["path", 0] = "blend", interpreter.modal.tolerance
         blocks = RowBlocks(rows, interpreter.here.file, interpreter.modal.tolerance, laser=laser)
-        out.mixed(points, feeds, lines, others, blocks.of(others), kinds == kernel.SPINDLE)
+        out.mixed(points, feeds, lines, others, blocks.of, kinds == kernel.SPINDLE)
 
 
 def _letters(plane: Plane) -> str:

@@ -274,7 +274,7 @@ def _makers(flavour: str) -> Mapping[str, Maker]:
         # Most programs are in another language.
         from cnc.gcode.sinumerik import cycles, flow
 
-        return {**cycles.MAKERS, **flow.MAKERS, **flow.FRAME_MAKERS, **flow.SUBPROGRAM_MAKERS}
+        return cycles.MAKERS | flow.MAKERS
     if flavour == "klartext":
         return klartext.MAKERS
     return block_matching.MAKERS | subprograms.MAKERS

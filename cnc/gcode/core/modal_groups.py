@@ -6,7 +6,7 @@ RS274/NGC interpreter version 3 (NISTIR 6556), tables 3 and 4.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Literal, NamedTuple
@@ -284,7 +284,7 @@ class ModalState:
 class Diverted(NamedTuple):
     """What a buffer had before its blocks were kept back."""
 
-    ready: list[Block]
+    ready: list[Iterable[Block]]
     in_effect: dict[tuple[str, int], tuple[object, ...]]
     turning: str
 

@@ -6,8 +6,9 @@ executed as often as the flow of control reaches the line.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -47,6 +48,7 @@ FIRST_LINES = 8192
 """Repeated lines before the first state is kept: most loops end before."""
 
 _State = tuple[object, ...]
+_Group = Iterable[Block]
 
 
 class RepeatedStates:
@@ -210,7 +212,7 @@ def interpret(
     flow = Flow(interpreter, listing, library, options.limits, mark_calls=options.mark_calls)
     maker = StepMaker(flow, rules, options.policy.codes)
     first = _behind_leader(flow, text, syntax) if _may_have_leader(rules) else 1
-    yield from _run(flow, maker, first, options.on_line)
+    yield from chain.from_iterable(_run(flow, maker, first, options.on_line))
 
 
 def _may_have_leader(rules: dialects.Dialect) -> bool:
@@ -248,8 +250,8 @@ def _mark_tool_offsets(interpreter: Interpreter) -> None:
 
 def _run(
     flow: Flow, maker: StepMaker, first: int, on_line: Callable[[int], None] | None
-) -> Iterator[Block]:
-    """Execute the program from a line on, and end it."""
+) -> Iterator[_Group]:
+    """Execute the program from a line on, and end it. Groups of blocks are yielded."""
     ready = flow.interpreter.out.ready
     try:
         yield from _execute_lines(flow, maker, first, _Watch(flow, on_line))
@@ -266,7 +268,7 @@ def _run(
     ready.clear()
 
 
-def _execute_lines(flow: Flow, maker: StepMaker, line: int, watch: _Watch) -> Iterator[Block]:
+def _execute_lines(flow: Flow, maker: StepMaker, line: int, watch: _Watch) -> Iterator[_Group]:
     """Execute line by line from ``line`` on until the program ends.
 
     All state that each line needs is in local variables, since loops execute millions of lines.

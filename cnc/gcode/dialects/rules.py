@@ -28,6 +28,8 @@ class LineRules:
     same_code_twice: bool
     last_of_group: bool
     both_coolants: bool
+    aborts: bool
+    one_by_one: bool
     extruder: str
 
 

@@ -15,7 +15,6 @@ from cnc.gcode.kernels.rows import (
     ARC,
     COOLANT,
     LAST_MOTION,
-    MOST_OTHERS,
     MOST_ROWS,
     PAUSE,
     SPINDLE,
@@ -217,7 +216,7 @@ def _execute_any(
     known, words = read_words(letters, numbers, setup, now)
     if not known or not fits(words, setup, now):
         return False
-    begin = row = int(now["rows"])
+    row = int(now["rows"])
     if words.speed == words.speed or words.turn >= 0 or words.cool >= 0 or words.pausing:
         seconds, _ = dwell_of(words.time, setup["dwell"])
         row = _add_events(words, line, seconds, now, rows)
@@ -244,8 +243,6 @@ def _execute_any(
             position[i] = end[i]
         row += 1
     _commit(words, line, now, is_move and words.mode != 0)
-    for k in range(begin, row):
-        now["others"] += int(rows.kinds[k] != STRAIGHT)
     now["rows"] = row
     return True
 
@@ -328,7 +325,7 @@ def execute_lines(
         a, b = first[k], first[k + 1]
         if a == b:
             continue
-        full = now["rows"] + MOST_ROWS > len(rows.kinds) or now["others"] >= MOST_OTHERS
+        full = now["rows"] + MOST_ROWS > len(rows.kinds)
         if full or not execute_line(
             words.letter[a:b], words.number[a:b], line + k - begin, setup, state, position, rows
         ):

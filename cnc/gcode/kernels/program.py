@@ -23,7 +23,7 @@ from cnc.gcode.kernels.arithmetic import (
     unary,
 )
 from cnc.gcode.kernels.line import execute_line
-from cnc.gcode.kernels.rows import BOUNDARY, MOST_OTHERS, MOST_ROWS, Record, Rows, Setup
+from cnc.gcode.kernels.rows import BOUNDARY, MOST_ROWS, Record, Rows, Setup
 from cnc.gcode.kernels.rules import (
     DO,
     END_REPEAT,
@@ -342,7 +342,6 @@ def _mark(rows: Rows, state: Record, line: int, inside: bool) -> None:
     row = state[0]["rows"]
     rows.kinds[row], rows.lines[row], rows.data[row, 0] = BOUNDARY, line, inside
     state[0]["rows"] += 1
-    state[0]["others"] += 1
 
 
 @njit
@@ -431,7 +430,7 @@ def run(
         line = int(text.line[k])
         is_new = int(line > highest)
         # A line counts as executed before it is.
-        full = now["rows"] + MOST_ROWS > len(rows.kinds) or now["others"] >= MOST_OTHERS
+        full = now["rows"] + MOST_ROWS > len(rows.kinds)
         if full or executed + 1 - new - is_new > here["most_repeated"]:
             break
         after = k + 1

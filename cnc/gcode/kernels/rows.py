@@ -38,11 +38,6 @@ STRAIGHT, ARC, SPINDLE, COOLANT, PAUSE, BOUNDARY, PATH = range(7)
 """Kinds of rows. BOUNDARY is the begin or the end of a call."""
 MOST_ROWS = 76
 """Most rows of a line. A cycle with more is left to the interpreter."""
-MOST_OTHERS = 2048
-"""Rows that are no straight moves, after which compiled code pauses. Each becomes a Python object,
-with a run of moves perhaps a second one. The garbage collector of the command line does not begin
-while so few exist at once.
-"""
 MOST_AXES = 9
 
 UNCLEAR_LEVEL = 2
@@ -76,7 +71,6 @@ STATE = np.dtype(
         ("words", np.float64, (4,)),
         ("word_lines", np.int64, (4,)),
         ("rows", np.int64),
-        ("others", np.int64),
     ]
 )
 """Modal state: motion mode, the last of G0 to G3 (-1 for none), plane (0 to 2: G17 to G19), G90,
@@ -84,8 +78,7 @@ G98, feeds of linear and rotary axes (mm/s and degrees/s, NaN for none), directi
 spindle (0 to 2: M5, M3, M4; rpm, NaN for none), coolants, the F and S words that nothing has used
 yet (NaN for none) with their lines, what the last blocks of spindle and coolant said (-1 for
 unknown), the cycle of the series (0 for none) with its plane, the position at its start and its
-words in effect (depth, R, P, Q; NaN for none) with their lines, and the numbers of all rows and of
-those that are no straight moves.
+words in effect (depth, R, P, Q; NaN for none) with their lines, and the number of rows.
 """
 DEPTH, RETRACT, WAIT, PECK = range(4)
 """Places of the words of a series."""

@@ -473,8 +473,9 @@ def _klartext_line(
     while e < b and _role(events, e, meaning) != MOVED:
         role, first = _role(events, e, meaning), e
         letter = int(meaning.text[int(events.value[e])]) if role == AXIS or role == SIDE else _F
-        bit = 1 << (letter - _A)
-        if letter == 0 or seen & bit:
+        # A code without a letter is 0, whose shift would be negative.
+        bit = 1 << (letter - _A) if letter else 0
+        if bit == 0 or seen & bit:
             return False
         seen |= bit
         e += 1

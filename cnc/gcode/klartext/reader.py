@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 from cnc.gcode.reader.expressions import Builder, Node, constant
 from cnc.gcode.reader.lines import KLARTEXT, read_line
-from cnc.gcode.reader.statements import Control, Statement, Token, Value, carried_out
+from cnc.gcode.reader.statements import Control, ExpressionRules, Statement, Token, Value
 from cnc.gcode.reader.words import MAX_NUMBER, Word, fault
 from cnc.model.diagnostics import GcodeError
 
@@ -79,8 +79,7 @@ def parse(text: str) -> Statement:
     if results.status[0]:
         wanted = reading.grammar.wanted[results.state[0]]
         raise _not_read(text, int(results.place[0]), wanted)
-    statement: Statement = carried_out(reading, 0, text, _Rules(text))
-    return statement
+    return _Rules(text, Builder("klartext")).statement(reading, 0)
 
 
 def block_of(head: Item, *items: Item) -> Block:
@@ -117,16 +116,8 @@ def _not_read(text: str, at: int, wanted: frozenset[str]) -> GcodeError:
     return fault("klartext-word", message, column=at + 1, length=len(match[0].rstrip()), hint=hint)
 
 
-class _Rules:
+class _Rules(ExpressionRules):
     """The meaning of each rule of the grammar, for one line."""
-
-    def __init__(self, text: str) -> None:
-        self._text = text
-        self._build = Builder("klartext")
-
-    def token(self, token: Token) -> Token:
-        """Return a token."""
-        return token
 
     def number(self, begin: int, end: int, value: float) -> Node:
         """Return a number as a node."""
@@ -198,15 +189,6 @@ class _Rules:
 
     def _pi(self, begin: int, end: int) -> Node:
         return constant(math.pi, begin, end)
-
-    def _bracket(self, begin: int, end: int, inside: Node) -> Node:
-        return inside.spanning(begin, end)
-
-    def _sign(self, begin: int, end: int, sign: Token, operand: Node) -> Node:
-        return self._build.sign(sign.text, operand, begin)
-
-    def _binary(self, begin: int, end: int, left: Node, operator: Token, right: Node) -> Node:
-        return self._build.binary(left, operator.text, right, operator.begin, operator.end)
 
     def _power(self, begin: int, end: int, left: Node, right: Node) -> Node:
         if self._text[left.begin] in "+-":

@@ -62,6 +62,11 @@ _KLARTEXT_RULES = {
 _OF_WORDS = {kernel.WORD, kernel.SIGN, kernel.BLOCK}
 """Meanings of rules of the languages whose expressions the interpreter alone computes."""
 
+_MOST_NAMES = 1 << 15
+"""Most different names in the lines that are read at once: one in 8 bytes of a window. A line with
+a further one is left to the interpreter. A larger table would not fit into the processor's cache.
+"""
+
 Arrays = TypeVar("Arrays", kernel.Words, kernel.Code, automaton.Events)
 Positions = NDArray[np.int32]
 _AT_START = np.zeros(1, np.int32)
@@ -180,7 +185,8 @@ class _Scratch(threading.local):
         )
         self.items = np.empty(items, np.uint8), np.empty(items, np.int64), np.empty(items, np.int64)
         self.code = kernel.Code(np.empty(self.size + 1, np.uint8), np.empty(self.size + 1))
-        self.names, self.labels = names_space(items), names_space(items)
+        names = min(items, _MOST_NAMES)
+        self.names, self.labels = names_space(names), names_space(names)
 
 
 _scratch = _Scratch()

@@ -229,31 +229,21 @@ def _written(terminal: str, raw: str) -> str:
     return squeezed(raw)
 
 
-class Translator:
-    """Makes the statement of one line."""
+class ExpressionRules:
+    """The rules that the languages share: brackets, signs and operators, for one line.
 
-    def __init__(
-        self,
-        text: str,
-        build: Builder,
-        *,
-        siemens: bool,
-        dialect: str,
-    ) -> None:
-        """Create a translator.
+    A subclass has the method ``number``, and one for each other rule of its grammar.
+    """
+
+    def __init__(self, text: str, build: Builder, shift: int = 0) -> None:
+        """Create the rules for a line.
 
         Args:
             text: The line.
             build: Builds the expressions.
-            siemens: Whether the dialect has BSPLINE, SD=, PL=, PW=.
-            dialect: Name of the dialect for messages.
+            shift: Position of the line in the text of the events.
         """
-        self._letter = ""
-        self._comments: list[Token] = []
-        self._text = text
-        self._build = build
-        self._siemens = siemens
-        self._dialect = dialect
+        self._text, self._build, self._shift = text, build, shift
 
     def statement(self, reading: Reading, line: int) -> Statement:
         """Return the statement of a line that was read without an error.
@@ -262,7 +252,45 @@ class Translator:
             reading: The events.
             line: Index of the line in them.
         """
-        return cast(Statement, carried_out(reading, line, self._text, self))
+        rules = cast(Rules, self)
+        return cast(Statement, carried_out(reading, line, self._text, rules, self._shift))
+
+    def token(self, token: Token) -> Token:
+        """Return a token."""
+        return token
+
+    def _part(self, node: Node) -> Node:
+        """Return a part of an expression; a subclass may refuse it."""
+        return node
+
+    def _bracket(self, begin: int, end: int, inside: Node) -> Node:
+        return self._part(inside).spanning(begin, end)
+
+    def _sign(self, begin: int, end: int, sign: Token, operand: Node) -> Node:
+        return self._build.sign(sign.text, self._part(operand), begin)
+
+    def _binary(self, begin: int, end: int, left: Node, operator: Token, right: Node) -> Node:
+        left, right = self._part(left), self._part(right)
+        return self._build.binary(left, operator.text, right, operator.begin, operator.end)
+
+
+class Translator(ExpressionRules):
+    """Makes the statement of a line of RS274/NGC or macro B."""
+
+    def __init__(self, text: str, build: Builder, *, siemens: bool, dialect: str) -> None:
+        """Create a translator.
+
+        Args:
+            text: The line.
+            build: Builds the expressions.
+            siemens: Whether the dialect has BSPLINE, SD=, PL=, PW=.
+            dialect: Name of the dialect for messages.
+        """
+        super().__init__(text, build)
+        self._letter = ""
+        self._comments: list[Token] = []
+        self._siemens = siemens
+        self._dialect = dialect
 
     def token(self, token: Token) -> Token:
         """Return a token."""
@@ -279,15 +307,6 @@ class Translator:
             first = len(before) - 1 if before[-1:].isalpha() else begin
             raise self._build.fault("number-too-large", "this number is too large", first, end)
         return constant(value, begin, end)
-
-    def _bracket(self, begin: int, end: int, inside: Node) -> Node:
-        return inside.spanning(begin, end)
-
-    def _sign(self, begin: int, end: int, sign: Token, operand: Node) -> Node:
-        return self._build.sign(sign.text, operand, begin)
-
-    def _binary(self, begin: int, end: int, left: Node, operator: Token, right: Node) -> Node:
-        return self._build.binary(left, operator.text, right, operator.begin, operator.end)
 
     def _function(self, begin: int, end: int, function: Token, argument: Node) -> Node:
         # FANUC's ROUND rounds a length in a word to the least input increment.

@@ -1,9 +1,7 @@
-"""Steps of SINUMERIK's jumps, branches, loops and repeated sections.
+"""Steps of SINUMERIK's control lines: jumps, blocks, repeated sections, frames, subprograms.
 
-A block is read to its end when its first line is executed for the first time. A label is searched
-in the direction of the jump: to the end of the program (GOTOF), to its beginning (GOTOB) or both.
 Source: Siemens, "SINUMERIK 840D sl/828D Programming Manual, Job Planning", "Program jumps to jump
-markers", "Check structures" and "Program section repetition".
+markers", "Check structures", "Program section repetition" and "Subprogram technique".
 """
 
 from __future__ import annotations
@@ -24,16 +22,8 @@ from cnc.gcode.reader.words import Word, under_compensation
 from cnc.model.blocks import PLANE_AXES
 from cnc.model.diagnostics import CncError, GcodeError
 
-_END_OF = {
-    "s-if": "s-endif",
-    "s-while": "s-endwhile",
-    "s-for": "s-endfor",
-    "s-loop": "s-endloop",
-    "s-repeat": "s-until",
-}
-_ENDS = frozenset((*_END_OF.values(), "s-else"))
-_END = "ENDLABEL"
-MOST_REPEATS = 9999
+# Jumps: a label is searched in the direction of the jump, to the end of the program (GOTOF), to its
+# beginning (GOTOB) or both.
 
 
 class LabelJump(ControlStep):
@@ -100,6 +90,18 @@ def labelled(listing: Listing, target: str, line: int, end: int = 1 << 62) -> It
         line = window.first + window.count
 
 
+# Branches and loops: a block is read to its end when its first line is executed for the first time.
+
+_END_OF = {
+    "s-if": "s-endif",
+    "s-while": "s-endwhile",
+    "s-for": "s-endfor",
+    "s-loop": "s-endloop",
+    "s-repeat": "s-until",
+}
+_ENDS = frozenset((*_END_OF.values(), "s-else"))
+
+
 @dataclass(slots=True)
 class _Block:
     """A branch or loop whose end has not been found yet; ``otherwise`` is the line of its ELSE."""
@@ -130,32 +132,6 @@ class _For:
         """Return the line to continue at, by the value of the parameter."""
         count = flow.parameters.name(self.name, 1)
         return self.loop.first + 1 if count <= self.last(flow.parameters) else self.loop.last + 1
-
-
-class _Definition(ControlStep):
-    """``DEF REAL NAME=1.5, OTHER``: variables of the main program, or of a call."""
-
-    __slots__ = ()
-
-    def run(self, flow: Flow, line: int) -> int:
-        """Set the variables.
-
-        Raises:
-            CncError: ``code-not-supported``: a subprogram so far down in the text that its
-                variables would belong to all programs.
-        """
-        names, values = self.control.names, self.control.values
-        if flow.frame.kind != "main" and any(str(name).startswith("_") for name in names):
-            hint = "move the subprogram to a file of its own, or use R parameters"
-            message = "DEF in a subprogram this far from the beginning is not supported"
-            raise flow.listing.fault(self.at, "code-not-supported", message, hint)
-        flow.interpreter.begun = True
-        for name, value in zip(names, values, strict=True):
-            if isinstance(name, int):
-                flow.parameters.set_number(name, value(flow.parameters), 1)
-            else:
-                flow.parameters.set_name(name, value(flow.parameters), 1)
-        return line + 1
 
 
 class _EndFor:
@@ -252,6 +228,12 @@ def _crossed(listing: Listing, line: int, control: Control, block: _Block) -> Cn
 
 def _not(value: Value) -> Value:
     return lambda parameters: float(not value(parameters))
+
+
+# Sections that REPEAT executes again.
+
+_END = "ENDLABEL"
+MOST_REPEATS = 9999
 
 
 class _Repeat(ControlStep):
@@ -377,16 +359,7 @@ def _leave_sections(flow: Flow, target: int) -> None:
         flow.sections.pop()
 
 
-MAKERS: dict[str, Maker] = {
-    "s-again": _Repeat,
-    "s-def": _Definition,
-    "s-goto": LabelJump,
-    **dict.fromkeys((*_END_OF, *_ENDS), _block_at),
-}
-"""Functions that make the step of a control line, by keyword."""
-
-
-# Steps of SINUMERIK's frames: TRANS, ROT, SCALE, MIRROR, and those that add to them.
+# Frames: TRANS, ROT, SCALE, MIRROR, and those that add to them.
 
 SMALLEST_FACTOR = 1e-6
 
@@ -501,16 +474,11 @@ def _mirror(value: float) -> float:
     return 1.0 if value != value else -1.0
 
 
-FRAME_MAKERS: dict[str, Maker] = {"frame": FrameLine}
-"""Classes of the steps of control lines, by keyword."""
-
-
-# Steps of SINUMERIK's subprograms: calls by number or name, PROC, M17, RET.
+# Subprograms: calls by number or name, PROC, M17, RET, and the variables that DEF defines.
 #
 # A subprogram follows a line ``%_N_NAME_SPF`` or ``PROC NAME`` of the same text, or is the file
 # ``name.spf`` in a folder of subroutines. R parameters belong to all programs, and
-# the parameters of PROC to a call. Source: Siemens, "SINUMERIK 840D sl/828D Programming Manual, Job
-# Planning", "Subprogram technique".
+# the parameters of PROC to a call.
 
 _NUMBERED = re.compile("L[0-9]+")
 
@@ -644,5 +612,40 @@ class Head(ControlStep):
         return line + 1
 
 
-SUBPROGRAM_MAKERS: dict[str, Maker] = {"s-call": Call, "s-end": End, "s-proc": Head}
-"""Classes of the steps of control lines, by keyword."""
+class _Definition(ControlStep):
+    """``DEF REAL NAME=1.5, OTHER``: variables of the main program, or of a call."""
+
+    __slots__ = ()
+
+    def run(self, flow: Flow, line: int) -> int:
+        """Set the variables.
+
+        Raises:
+            CncError: ``code-not-supported``: a subprogram so far down in the text that its
+                variables would belong to all programs.
+        """
+        names, values = self.control.names, self.control.values
+        if flow.frame.kind != "main" and any(str(name).startswith("_") for name in names):
+            hint = "move the subprogram to a file of its own, or use R parameters"
+            message = "DEF in a subprogram this far from the beginning is not supported"
+            raise flow.listing.fault(self.at, "code-not-supported", message, hint)
+        flow.interpreter.begun = True
+        for name, value in zip(names, values, strict=True):
+            if isinstance(name, int):
+                flow.parameters.set_number(name, value(flow.parameters), 1)
+            else:
+                flow.parameters.set_name(name, value(flow.parameters), 1)
+        return line + 1
+
+
+MAKERS: dict[str, Maker] = {
+    "s-again": _Repeat,
+    "s-def": _Definition,
+    "s-goto": LabelJump,
+    **dict.fromkeys((*_END_OF, *_ENDS), _block_at),
+    "frame": FrameLine,
+    "s-call": Call,
+    "s-end": End,
+    "s-proc": Head,
+}
+"""Functions that make the step of a control line, by keyword."""

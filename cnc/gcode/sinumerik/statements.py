@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, cast
 
 from cnc.gcode.reader.expressions import Builder, Node, constant
-from cnc.gcode.reader.lines import Reading
 from cnc.gcode.reader.parameters import Parameters
 from cnc.gcode.reader.statements import (
     DIAMETERS,
@@ -24,12 +23,12 @@ from cnc.gcode.reader.statements import (
     SHOWN,
     Assignment,
     Control,
+    ExpressionRules,
     Keyword,
     Remark,
     Statement,
     Token,
     Value,
-    carried_out,
     squeezed,
 )
 from cnc.gcode.reader.words import MAX_NUMBER, Word
@@ -129,7 +128,7 @@ def _nothing(_: Parameters) -> float:
     return math.nan
 
 
-class Lines:
+class Lines(ExpressionRules):
     """Makes the statement of one line."""
 
     def __init__(self, text: str, names: Names, shift: int = 0) -> None:
@@ -140,23 +139,10 @@ class Lines:
             names: The variables of the program.
             shift: Position of the line in the text of the events.
         """
-        self._text, self._names, self._shift = text, names, shift
-        self._build = Builder(language="siemens")
+        super().__init__(text, Builder(language="siemens"), shift)
+        self._names = names
         self._remarks: list[Remark] = []
         self._loose: list[tuple[Node, str]] = []
-
-    def statement(self, reading: Reading, line: int) -> Statement:
-        """Return the statement of a line that was read without an error.
-
-        Args:
-            reading: The events.
-            line: Index of the line in them.
-        """
-        return cast(Statement, carried_out(reading, line, self._text, self, self._shift))
-
-    def token(self, token: Token) -> Token:
-        """Return a token."""
-        return token
 
     def number(self, begin: int, end: int, value: float) -> Node:
         """Return a number as a node."""
@@ -167,17 +153,9 @@ class Lines:
 
     # Expressions
 
-    def _bracket(self, begin: int, end: int, inside: Node) -> Node:
-        return self._part(inside).spanning(begin, end)
-
-    def _sign(self, begin: int, end: int, sign: Token, operand: Node) -> Node:
-        return self._build.sign(sign.text, self._part(operand), begin)
-
     def _binary(self, begin: int, end: int, left: Node, operator: Token, right: Node) -> Node:
         sign = operator.text
-        made = self._build.binary(
-            self._part(left), sign, self._part(right), operator.begin, operator.end
-        )
+        made = super()._binary(begin, end, left, operator, right)
         if sign not in _COMPARED_LAST:
             return made
         inside = {id(node): name for node, name in self._loose}

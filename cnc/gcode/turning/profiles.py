@@ -1,7 +1,6 @@
-"""Steps of G70 to G73 on lathes, which name the lines of a profile by P and Q.
+"""Roughing and finishing of profiles on lathes: G70 to G73 of FANUC, G70 to G72 of LinuxCNC.
 
-After G71 to G73 the program goes on behind the profile if the profile follows, else behind the
-cycle. G70 executes the lines of the profile like other lines, and returns to the start point.
+Of each: first the moves of the cycles, then the steps that find the profile in the program.
 """
 
 from __future__ import annotations
@@ -294,6 +293,11 @@ def ends_of(blocks: list[Block]) -> list[list[float]]:
             ends.append(block.end.tolist())  # type: ignore[attr-defined]
     return ends
 
+
+# Steps of G70 to G73, which name the lines of a profile by P and Q.
+#
+# After G71 to G73 the program goes on behind the profile if the profile follows, else behind the
+# cycle. G70 executes the lines of the profile like other lines, and returns to the start point.
 
 MOST_LINES = 10_000
 """Most lines of a profile; it limits the memory."""

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import random
 from dataclasses import fields
+from itertools import chain, islice
 from typing import Any
 
 import numpy as np
@@ -14,10 +16,11 @@ from cnc.gcode.core.interpreter import Interpreter
 from cnc.gcode.core.line_machine import LineMachine
 from cnc.gcode.core.line_steps import PlainLines
 from cnc.gcode.core.modal_groups import ReadingPolicy
+from cnc.gcode.core.program import interpret
 from cnc.gcode.reader.parameters import Parameters
 from cnc.gcode.reader.parser import Syntax
 from cnc.gcode.reader.source_text import Text
-from cnc.model.blocks import Answer, Block, Polyline
+from cnc.model.blocks import Answer, ArcFeed, Block, Polyline
 from cnc.model.diagnostics import GcodeError
 from tests.support.soak import share
 
@@ -94,13 +97,14 @@ class Reader:
             line += count or 1
             self.executed = line - 1
         self.interpreter.out.flush()
+        self.blocks = list(chain.from_iterable(self.interpreter.out.ready))
 
     def left(self) -> Any:
         """The state after the program. ``repr`` distinguishes -0 from 0."""
         interpreter = self.interpreter
         return repr(
             [self.error, interpreter.modal, interpreter.motion.position, interpreter.begun]
-        ), bits(interpreter.out.ready)
+        ), bits(self.blocks)
 
 
 def bits(blocks: list[Block]) -> list[Any]:
@@ -231,7 +235,7 @@ def test_lines_with_power_on_arrays_equal_lines_one_by_one(laser: bool) -> None:
     for seed in range(share(4000, 20)):
         rng = random.Random(seed)
         lines = raster(rng, rng.choice([20, 300, 3000, 9000]))
-        found = both(lines, laser=laser).interpreter.out.ready
+        found = both(lines, laser=laser).blocks
         carried += any(isinstance(each, Polyline) and each.commands is not None for each in found)
     assert carried > 0.5 * share(4000, 20)
 
@@ -276,7 +280,7 @@ def test_errors_in_runs_equal_those_of_single_lines(lines: list[str], error: str
 
 def test_moves_of_rotary_axes_alone_use_the_rotary_feed() -> None:
     found = both(["G20 G1 F60", "A1", "X1", "X1 A1", "X1 A2", "X2 A2", "A2", "A0 X2"], ("x", "a"))
-    (block,) = found.interpreter.out.ready
+    (block,) = found.blocks
     assert isinstance(block, Polyline)
     inch = 25.4
     assert block.feeds.tolist() == [1.0, inch, inch, 1.0, inch, inch, 1.0]
@@ -285,7 +289,19 @@ def test_moves_of_rotary_axes_alone_use_the_rotary_feed() -> None:
 
 def test_traverses_have_no_feed() -> None:
     found = both(["G0 X1 F60", "G1 X2", "G0", "X3", "Y-0"])
-    (block,) = found.interpreter.out.ready
+    (block,) = found.blocks
     assert isinstance(block, Polyline)
     assert np.array_equal(block.feeds, [np.nan, 1.0, np.nan, np.nan], equal_nan=True)
     assert block.lines.tolist() == [1, 2, 4, 5]
+
+
+@pytest.mark.parametrize("between", [[], ["G1 X5"]])
+def test_blocks_of_a_long_program_do_not_exist_at_once(between: list[str]) -> None:
+    """Their memory would not fit into the cache, which doubles the time that they take."""
+    lines = ["G17 G91 G1 F500 X0", *["G2 X1 I0.5", *between] * 6000, "M2"]
+    gc.collect()
+    blocks = interpret(Text.of_lines(lines, "arcs.nc"))
+    taken = list(islice((block for block in blocks if block.line > 5000), 1))
+    kept = sum(isinstance(each, ArcFeed | Polyline) for each in gc.get_objects())
+    assert len(taken) == 1
+    assert kept < 20

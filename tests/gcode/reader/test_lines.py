@@ -7,6 +7,8 @@ from functools import partial
 
 import pytest
 
+from cnc.gcode.kernels.statements import UNKNOWN
+from cnc.gcode.reader import lines
 from cnc.gcode.reader.lines import MAX_LINE
 from cnc.gcode.reader.parser import Syntax, parse_line
 from cnc.gcode.reader.source_text import Text, Window, split
@@ -285,3 +287,14 @@ def test_a_blank_inside_a_word_is_of_no_siemens_program() -> None:
     found = window_of(b"G1 X 5\nG1 X5\n")
     found.read_as(Syntax("siemens").language)
     assert found.plain.tolist() == [0, 1]
+
+
+def test_a_line_with_one_name_too_many_is_left_to_the_interpreter(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(lines, "_MOST_NAMES", 2)
+    monkeypatch.setattr(lines, "_scratch", lines._Scratch())
+    found = window_of(b"#<a>=1\n#<b>=2\n#<c>=3\n#<A>=4\n").code()
+    left = [False, False, True, False]
+    assert (found.kind == UNKNOWN).tolist() == left
+    assert len(found.names.begin) == 2
