@@ -95,6 +95,19 @@ WEIGHT = 0.01
 """
 
 
+NEAR = 30.0
+"""The first t from a motion past similar corners, by the number of rows."""
+
+INSIDE_FIRST = 2.0
+"""s counts so many times as much as T / T0 then."""
+
+FARTHEST = 8.0
+"""A motion past similar corners that exceeds a bound more often is no start."""
+
+LEAST_ROOM = 0.05
+"""Room of the logarithms of its durations above the least ones."""
+
+
 @njit
 def _place(tube: Tube, rows: Rows, c: Floats, spans: Floats) -> None:
     """Evaluate the rows for these unknowns; the fixed points of ``c`` are written."""
@@ -190,6 +203,12 @@ def _lowered(
 
 
 @njit
+def _least_s(rows: Rows) -> float:
+    """Return the s with which the search for a motion inside all bounds begins."""
+    return (1.0 + INSIDE) * max(most_used(rows), most_along(rows.along)) - 1.0 + INSIDE
+
+
+@njit
 def _inside(tube: Tube, rows: Rows, n: Newton, unit: float) -> bool:
     """Bring a motion inside all limits; return whether it is."""
     _place(tube, rows, n.c, n.spans)
@@ -197,7 +216,7 @@ def _inside(tube: Tube, rows: Rows, n: Newton, unit: float) -> bool:
     s = math.inf
     # With given durations the problem is nearly convex. If that does not do, they change.
     for weight in (0.0, WEIGHT * unit):
-        s = (1.0 + INSIDE) * max(most_used(rows), most_along(rows.along)) - 1.0 + INSIDE
+        s = _least_s(rows)
         if not s < math.inf:
             return False
         t = FIRST * count / (1.0 + max(s, 0.0))
@@ -234,10 +253,63 @@ def fastest_motion(tube: Tube, rows: Rows, c: Floats, spans: Floats) -> bool:
     if not _inside(tube, rows, n, unit):
         return False
     count = float(rows.number[1] + rows.along.number[0])
-    last = count / GAP
+    return _settled(tube, rows, n, (FIRST * count, unit), c, spans)
+
+
+@njit
+def motion_near(
+    tube: Tube, rows: Rows, c: Floats, spans: Floats, near: Floats, near_spans: Floats
+) -> bool:
+    """Make a motion past corners the fastest one, from one past similar corners.
+
+    Such a motion is nearly the fastest one, and a little outside the limits. s is lowered with t so
+    large that the duration hardly grows meanwhile.
+
+    Args:
+        tube: the legs, and the states at both ends.
+        rows: receives their limits.
+        c: (steps + 3, d): control points of a motion inside the limits or not, replaced by those of
+            the result, if there is one.
+        spans: (groups,): logarithms of the durations of the groups there, replaced likewise.
+        near: (steps + 3, d): control points of the motion past similar corners.
+        near_spans: (groups,): logarithms of the durations of its groups.
+
+    Returns:
+        Whether a motion inside all limits was found.
+    """
+    write_rows(tube, rows)
+    n = new_newton(tube, rows, c, spans)
+    rows.group[:] = -1
+    n.c[:] = near
+    for g in range(len(spans)):
+        n.spans[g] = max(near_spans[g], n.least[g] + LEAST_ROOM)
+    _place(tube, rows, n.c, n.spans)
+    s = _least_s(rows)
+    if not s < FARTHEST:
+        return False
+    unit = 1.0 / duration(n.share, n.spans)
+    count = float(rows.number[1] + rows.along.number[0])
+    t = first = NEAR * count
+    while s > LEGAL:
+        if t > count / GAP:
+            return False
+        s = _lowered(tube, rows, n, (t * unit, INSIDE_FIRST * t), s, LEGAL)
+        t *= RAISE
+    return _settled(tube, rows, n, (first, unit), c, spans)
+
+
+@njit
+def _settled(
+    tube: Tube, rows: Rows, n: Newton, first: tuple[float, float], c: Floats, spans: Floats
+) -> bool:
+    """Write the fastest motion, from one inside all limits; return whether there is one.
+
+    ``first``: the first t, and 1 / T0.
+    """
+    t, unit = first
+    last = float(rows.number[1] + rows.along.number[0]) / GAP
     any_legal = False
     tightened = 0
-    t = FIRST * count
     earlier_c, earlier_spans = n.c.copy(), n.spans.copy()
     while True:
         _lowered(tube, rows, n, (t * unit, 0.0), 0.0, -math.inf)
