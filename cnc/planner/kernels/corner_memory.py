@@ -6,7 +6,8 @@ taken as it is.
 Rows of a surface end in corners that are alike, and none equals another. A tube is given in the
 directions of its own legs, so neither the place of a corner nor a turn or a mirror image in space
 changes it, but for the limits of the axes. The search begins with the motion past the most similar
-corner. Its control points are moved by the difference between the first guesses at both.
+corner, moved to the new legs. A micrometre more between two control points may be as much as all of
+the jerk, so they are moved by what changes the jerk least, in the sum of squares.
 """
 
 from __future__ import annotations
@@ -18,11 +19,21 @@ import numpy as np
 
 from cnc.compiled.jit import njit
 from cnc.path.kernels.curve import Floats, Ints
+from cnc.path.kernels.fit_program import factorise
+from cnc.path.kernels.fit_program import solve as solve_band
 from cnc.planner.kernels.corner_legs import GROUPS, MOST_DIRECTIONS, MOST_STEPS
 from cnc.planner.kernels.corner_motion import fastest_motion, motion_near
 from cnc.planner.kernels.corner_places import MOST_CORNERS
 from cnc.planner.kernels.corner_rows import Rows
-from cnc.planner.kernels.corner_tube import Tube
+from cnc.planner.kernels.corner_tube import (
+    CORNER,
+    FIXED,
+    JERK,
+    Tube,
+    place_ends,
+    set_knots,
+    write_stencil,
+)
 
 SOLUTIONS = 64
 """Motions that are kept."""
@@ -33,6 +44,10 @@ NUMBERS = 1536
 SIMILAR = 0.2
 """Largest distance of a similar corner: about that of a turn by 0.2 rad, or of a feed of 1.2 times
 as much. Farther motions are mostly outside the limits of the other corner, and cost time in vain.
+"""
+
+JERK_SHARE, TOLERANCE_SHARE = 0.1, 0.2
+"""Where a motion is moved to other legs, these parts of the jerk and of the tolerance count alike.
 """
 
 
@@ -93,9 +108,9 @@ def solve(tube: Tube, rows: Rows, c: Floats, spans: Floats, solutions: Solutions
     exists = False
     k = _most_similar(tube, wanted, count, solutions) if count else -1
     if k >= 0:
-        near = c + solutions.points[k, :points, :d]
-        near -= solutions.input[k, count - c.size : count].reshape(c.shape)
-        exists = motion_near(tube, rows, c, spans, near, solutions.spans[k, : len(spans)])
+        near_spans = solutions.spans[k, : len(spans)].copy()
+        near = _moved(tube, rows.t, solutions.input[k], solutions.points[k], near_spans)
+        exists = motion_near(tube, rows, c, spans, near, near_spans)
     if not exists:
         exists = fastest_motion(tube, rows, c, spans)
     if count:
@@ -200,3 +215,113 @@ def _distance(one: Floats, two: Floats, legs: int, d: int, most: float) -> float
             square += (one[place + q] - two[place + q]) ** 2 / size
             square += (one[place + d + q] - two[place + d + q]) ** 2 / speed
     return square
+
+
+@njit
+def _moved(tube: Tube, t: Floats, earlier: Floats, points: Floats, spans: Floats) -> Floats:
+    """Return the control points (steps + 3, d) of an earlier motion, moved to the legs of a tube.
+
+    On each leg the motion shall stay where it was beside the leg, and at the same part of its
+    length. The states at the ends are those of the tube.
+
+    Args:
+        tube: the legs.
+        t: (steps + 5,): receives the knots.
+        earlier: the input of the earlier search.
+        points: its control points.
+        spans: (groups,): logarithms of the durations of its groups.
+    """
+    steps, (legs, d) = len(tube.leg), tube.start.shape
+    along, start = 1 + legs, 1 + legs + legs * d
+    set_knots(tube, spans, t)
+    c = points[: steps + 3, :d].copy()
+    place_ends(tube, t, c)
+    free = steps + 3 - 2 * FIXED
+    band, right = np.zeros((free, 4)), np.zeros((free, d))
+    jerk = tube.along_jerk
+    for i in range(len(tube.jerk)):
+        jerk = min(jerk, tube.jerk[i])
+    stencil, place, wanted = np.empty(4), np.empty(d), np.empty(d)
+    for k in range(steps):
+        write_stencil(JERK, k, t, stencil)
+        wanted[:] = 0.0
+        _add_row(stencil, k, 1.0 / (JERK_SHARE * jerk), wanted, c, points, band, right)
+        if k == 0:
+            continue
+        write_stencil(CORNER, k, t, stencil)
+        leg = tube.leg[k]
+        on = 0.0
+        for q in range(d):
+            place[q] = 0.0
+            for j in range(4):
+                place[q] += stencil[j] * points[k + j, q]
+            on += (place[q] - earlier[start + leg * d + q]) * earlier[along + leg * d + q]
+        longer = _length(tube, leg) / _earlier_length(earlier, leg, legs, d)
+        for q in range(d):
+            wanted[q] = tube.start[leg, q] - earlier[start + leg * d + q]
+            wanted[q] += on * (longer * tube.along[leg, q] - earlier[along + leg * d + q])
+        weight = 1.0 / (TOLERANCE_SHARE * tube.tolerance)
+        _add_row(stencil, k, weight, wanted, c, points, band, right)
+    factorise(band)
+    for q in range(d):
+        column = right[:, q].copy()
+        solve_band(band, column)
+        for i in range(free):
+            c[FIXED + i, q] = points[FIXED + i, q] + column[i]
+    return c
+
+
+@njit
+def _add_row(
+    stencil: Floats,
+    k: int,
+    weight: float,
+    wanted: Floats,
+    c: Floats,
+    points: Floats,
+    band: Floats,
+    right: Floats,
+) -> None:
+    """Add a row of the sum of squares: the weighted changes of four points, and ``wanted``.
+
+    The changes of the fixed points are those from ``points`` to ``c``.
+    """
+    free, d = right.shape
+    for j in range(4):
+        at = k + j - FIXED
+        if not 0 <= at < free:
+            continue
+        by = weight * weight * stencil[j]
+        for q in range(d):
+            right[at, q] += by * wanted[q]
+        for i in range(4):
+            to = k + i - FIXED
+            if not 0 <= to < free:
+                for q in range(d):
+                    right[at, q] -= by * stencil[i] * (c[k + i, q] - points[k + i, q])
+            elif i >= j:
+                band[at, i - j] += by * stencil[i]
+
+
+@njit
+def _length(tube: Tube, leg: int) -> float:
+    """Return the length of a leg between corners or ends of the motion, mm."""
+    legs, d = tube.start.shape
+    square = 0.0
+    for q in range(d):
+        end = tube.ends[1, 0, q] if leg + 1 == legs else tube.start[leg + 1, q]
+        square += (end - (tube.ends[0, 0, q] if leg == 0 else tube.start[leg, q])) ** 2
+    return math.sqrt(square)
+
+
+@njit
+def _earlier_length(earlier: Floats, leg: int, legs: int, d: int) -> float:
+    """Return the length of a leg in the input of a search, mm."""
+    start = 1 + legs + legs * d
+    ends = start + legs * d
+    begin = ends if leg == 0 else start + leg * d
+    end = ends + 3 * d if leg + 1 == legs else start + (leg + 1) * d
+    square = 0.0
+    for q in range(d):
+        square += (earlier[end + q] - earlier[begin + q]) ** 2
+    return math.sqrt(square)
