@@ -80,10 +80,13 @@ def passed_together(
             blends = chosen[begin : end + 1]
             together = blends.copy()
             together[first - begin : last + 1 - begin] = True
+            allowed = solutions.most_work.copy()
             if _time(legs, limits, solutions, together) < FASTER * _time(
                 legs, limits, solutions, blends
             ):
                 chosen[first : last + 1] = True
+            # Trials are no motion that allows more work.
+            np.minimum(solutions.most_work, allowed, out=solutions.most_work)
     return chosen
 
 

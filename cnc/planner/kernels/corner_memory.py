@@ -46,6 +46,14 @@ SIMILAR = 0.2
 as much. Farther motions are mostly outside the limits of the other corner, and cost time in vain.
 """
 
+WORK = 300_000.0
+"""Work that each second of motion allows, about 0.1 s: rows of the steps of Newton's method.
+A count does not depend on the machine, as a clock would.
+"""
+
+FIRST_WORK = 3_000_000.0
+"""Work that is allowed at first: that of about 100 corners."""
+
 JERK_SHARE, TOLERANCE_SHARE = 0.1, 0.2
 """Where a motion is moved to other legs, these parts of the jerk and of the tolerance count alike.
 """
@@ -62,6 +70,8 @@ class Solutions(NamedTuple):
         spans: (SOLUTIONS, groups): logarithms of the durations of its groups.
         exists: (SOLUTIONS,): 1 if there is a motion, or 0.
         next: (1,): the one to be replaced next.
+        work: (1,): that of all searches: rows of the steps of Newton's method, added up.
+        most_work: (1,): above this nothing is sought. It grows with the motion.
     """
 
     input: Floats
@@ -71,6 +81,8 @@ class Solutions(NamedTuple):
     spans: Floats
     exists: Ints
     next: Ints
+    work: Ints
+    most_work: Floats
 
 
 def new_solutions() -> Solutions:
@@ -83,12 +95,23 @@ def new_solutions() -> Solutions:
         np.empty((SOLUTIONS, GROUPS * (MOST_CORNERS + 1))),
         np.zeros(SOLUTIONS, np.int64),
         np.zeros(1, np.int64),
+        np.zeros(1, np.int64),
+        np.full(1, FIRST_WORK),
     )
+
+
+@njit
+def allow_work(solutions: Solutions, duration: float) -> None:
+    """Allow the work for so many seconds of motion. Of what is not used, FIRST_WORK stays."""
+    left = solutions.most_work[0] - solutions.work[0] + WORK * duration
+    solutions.most_work[0] = solutions.work[0] + min(left, FIRST_WORK + WORK * duration)
 
 
 @njit
 def solve(tube: Tube, rows: Rows, c: Floats, spans: Floats, solutions: Solutions) -> bool:
     """Make a first guess of the motion the fastest one; return whether there is one.
+
+    Nothing is sought where the searches before took more work than the motion allows.
 
     Args:
         tube: the legs, and the states at both ends.
@@ -105,7 +128,10 @@ def solve(tube: Tube, rows: Rows, c: Floats, spans: Floats, solutions: Solutions
         c[:] = solutions.points[k, :points, :d]
         spans[:] = solutions.spans[k, : len(spans)]
         return solutions.exists[k] > 0
+    if solutions.work[0] > solutions.most_work[0]:
+        return False
     exists = False
+    rows.work[0] = 0
     k = _most_similar(tube, wanted, count, solutions) if count else -1
     if k >= 0:
         near_spans = solutions.spans[k, : len(spans)].copy()
@@ -113,6 +139,7 @@ def solve(tube: Tube, rows: Rows, c: Floats, spans: Floats, solutions: Solutions
         exists = motion_near(tube, rows, c, spans, near, near_spans)
     if not exists:
         exists = fastest_motion(tube, rows, c, spans)
+    solutions.work[0] += rows.work[0]
     if count:
         k = solutions.next[0]
         solutions.next[0] = (k + 1) % SOLUTIONS

@@ -84,6 +84,9 @@ it needs.
 LEGAL = -0.25 * EDGE
 """It ends at this s. The rows at both ends may have no more room than EDGE."""
 
+LOWER = 0.99
+"""With larger t the search goes on only where the last t lowered s to this part of it."""
+
 TIGHTENED = 12
 """Number of times that bounds of the rates along the path are lowered in a search."""
 
@@ -151,6 +154,7 @@ def _lowered(
     for _ in range(NEWTON_STEPS):
         if not value < math.inf or s <= goal:
             break
+        rows.work[0] += rows.number[1] + rows.along.number[0]
         if (first == 0 and not held) or durations < groups:
             derive_by_groups(tube, rows, n.spans, n.c)
         assemble(tube, rows, s, n)
@@ -225,8 +229,9 @@ def _inside(tube: Tube, rows: Rows, n: Newton, unit: float) -> bool:
         if not s < math.inf:
             return False
         t = FIRST * count / (1.0 + max(s, 0.0))
-        while s > LEGAL and t <= count / GAP:
-            s = _lowered(tube, rows, n, (weight * t, t), s, LEGAL)
+        before = math.inf
+        while LEGAL < s < LOWER * before and t <= count / GAP:
+            before, s = s, _lowered(tube, rows, n, (weight * t, t), s, LEGAL)
             t *= RAISE
         if s <= LEGAL:
             break
@@ -263,7 +268,12 @@ def fastest_motion(tube: Tube, rows: Rows, c: Floats, spans: Floats) -> bool:
 
 @njit
 def motion_near(
-    tube: Tube, rows: Rows, c: Floats, spans: Floats, near: Floats, near_spans: Floats
+    tube: Tube,
+    rows: Rows,
+    c: Floats,
+    spans: Floats,
+    near: Floats,
+    near_spans: Floats,
 ) -> bool:
     """Make a motion past corners the fastest one, from one past similar corners.
 
