@@ -146,8 +146,9 @@ def test_nothing_is_sought_where_the_work_is_used_up():
     solutions.most_work[0] = -1.0
     allow_work(solutions, 1.0)
     assert solutions.most_work[0] == WORK - 1.0
-    allow_work(solutions, 1e6)
-    assert solutions.most_work[0] == FIRST_WORK + 1e6 * WORK
     solutions.work[0] = 7
+    allow_work(solutions, 1e6)
+    assert solutions.most_work[0] == WORK - 1.0 + 1e6 * WORK
+    # What is left of a long motion is not kept.
     allow_work(solutions, 0.0)
     assert solutions.most_work[0] == 7 + FIRST_WORK
