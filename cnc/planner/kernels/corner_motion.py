@@ -87,7 +87,7 @@ LEGAL = -0.25 * EDGE
 LOWER = 0.99
 """With larger t the search goes on only where the last t lowered s to this part of it."""
 
-TIGHTENED = 12
+TIGHTENED = 3
 """Number of times that bounds of the rates along the path are lowered in a search."""
 
 SLOWER = 0.04
