@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
@@ -134,6 +135,8 @@ class Observer:
         self._requests = (control.held, control.feed_override, control.stopped)
         self._held = False
         self._reported: set[tuple[str, str, int, int]] = set()
+        self._reports: Counter[str] = Counter()
+        """Reported warnings and notes of each code."""
         self._assumptions: dict[str, str] = {}
 
     def checking(self, lines_done: int) -> None:
@@ -196,14 +199,14 @@ class Observer:
         place = (finding.code, finding.file, finding.line, finding.column)
         if place in self._reported or not self._selection.wants(finding):
             return
-        if finding.code in self._selection.errors:
-            self._reported.add(place)
-            report.faults.append(GcodeError(replace(finding, severity="error")))
-            return
-        if sum(warning.code == finding.code for warning in report.warnings) >= MOST_WARNINGS:
+        if self._reports[finding.code] >= MOST_WARNINGS:
             report.hidden_warnings += 1
             return
         self._reported.add(place)
+        self._reports[finding.code] += 1
+        if finding.code in self._selection.errors:
+            report.faults.append(GcodeError(replace(finding, severity="error")))
+            return
         log.info("%s: %s", finding.severity, finding.render())
         report.warnings.append(finding)
         if self.callbacks.on_warning is not None:

@@ -1,12 +1,17 @@
 """Which motions past corners are sought at all: the cost of searches that would gain nothing."""
 
+import math
+
 import numpy as np
 import pytest
 
 from benchmarks import finishing
 from cnc.model.blocks import PathMode
 from cnc.path.build import build
+from cnc.planner.audit import Audit
+from cnc.planner.corner_motions import CornerMotions
 from cnc.planner.kernels.arrays import PlanArrays
+from cnc.planner.kernels.corner_memory import FIRST_WORK, WORK, allow_work, new_solutions
 from cnc.planner.kernels.corner_search import OPEN, goes_on
 from cnc.planner.limits import Limits
 from cnc.planner.lookahead import LookAhead
@@ -93,3 +98,57 @@ def test_the_corners_before_one_that_stays_a_stop_are_passed():
     assert 1e-3 < min(near[:2]) < max(near[:2]) <= 0.01
     # Both are passed by one motion, which is sought at once.
     assert int(ahead._corners._solutions.next[0]) == 1
+
+
+def corner(tilt, feed=40.0):
+    """Return the legs of two corners, as the end of a row over a surface has them."""
+    along = np.array([(1.0, 0.0, tilt), (0.0, 1.0, 0.5 * tilt), (-1.0, 0.0, -tilt)])
+    return 20.0 * np.cumsum([along[0], 0.02 * along[1], along[2]], axis=0), feed
+
+
+def row_ends(tilts, solutions, *, allowed=math.inf):
+    """Return the time past the ends of rows, each on its own, and the work of each search."""
+    mill = machine(axis=(ACCELERATION, JERK), tangential=ACCELERATION, jerk=JERK)
+    times, work = [], []
+    for tilt in tilts:
+        points, feed = corner(tilt)
+        stops, ahead = planned(points, 0.0, mill, feed)
+        for chunk in stops:
+            chunk.path.tolerance[:] = 0.01
+        motions = CornerMotions(ahead.limits, Audit(ahead.limits), solutions)
+        before = int(solutions.work[0])
+        solutions.most_work[0] = min(allowed, solutions.most_work[0])
+        parts = [part.plan for part in (*motions.passed(stops), *motions.flush())]
+        assert not ahead.audit.violations
+        times.append(sum(part.duration for part in parts))
+        work.append(int(solutions.work[0]) - before)
+    return np.array(times), np.array(work)
+
+
+def test_a_search_begins_with_the_motion_past_similar_corners():
+    """It takes about half the work of a search on its own, and the motion is as fast."""
+    tilts = np.linspace(0.1, 0.2, 6)
+    alone = [row_ends([tilt], new_solutions()) for tilt in tilts]
+    times, work = row_ends(tilts, new_solutions())
+    assert work[0] == alone[0][1][0]
+    assert work[1:].sum() < 0.6 * sum(each[1][0] for each in alone[1:])
+    assert (times < np.concatenate([each[0] for each in alone]) * 1.001).all()
+
+
+def test_nothing_is_sought_where_the_work_is_used_up():
+    """The corner stays a stop; more motion allows work again."""
+    stop, work = row_ends([0.1], new_solutions(), allowed=-1e9)
+    assert work[0] == 0
+    times, work = row_ends([0.1], new_solutions())
+    assert work[0] > 0
+    assert times[0] < stop[0]
+    solutions = new_solutions()
+    solutions.most_work[0] = -1.0
+    allow_work(solutions, 1.0)
+    assert solutions.most_work[0] == WORK - 1.0
+    solutions.work[0] = 7
+    allow_work(solutions, 1e6)
+    assert solutions.most_work[0] == WORK - 1.0 + 1e6 * WORK
+    # What is left of a long motion is not kept.
+    allow_work(solutions, 0.0)
+    assert solutions.most_work[0] == 7 + FIRST_WORK

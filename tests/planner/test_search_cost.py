@@ -6,7 +6,7 @@ import pytest
 from cnc.model.blocks import PathMode
 from cnc.path.chunk import PathChunk
 from cnc.planner import known_path as intervals_module
-from cnc.planner.kernels import fastest
+from cnc.planner.kernels import fastest, refine
 from cnc.planner.kernels.cells import Stretch, describe, plan_cells
 from cnc.planner.kernels.descent import TOUCH, centre
 from cnc.planner.kernels.examination import examine
@@ -87,3 +87,37 @@ def test_pieces_are_cut_once_where_their_intervals_need_more_space(stop, monkeyp
     assert np.sum(done, axis=0).tolist() == [len(path), len(whole.end)]
     for array, expected in zip(found, whole, strict=True):
         assert np.array_equal(array, expected)
+
+
+@pytest.mark.parametrize("rough", [False, True])
+def test_a_stretch_takes_no_more_cells_than_its_time_allows(rough, monkeypatch):
+    """A zigzag below the tolerance has thousands of short bends a second, and hardly gains.
+
+    A rough plan has to be made legal in any case.
+    """
+    moves = np.arange(1, 301)
+    corners = np.stack((0.05 * moves, 0.05 * (moves % 2), 0.0 * moves), axis=1)
+    blocks = [PathMode("t.nc", 1, "blend", 0.025), lines(corners, 85.0)]
+    path = next(item for item in path_of(blocks) if isinstance(item, PathChunk))
+    limits = Limits.of(machine(tangential=1000.0, jerk=10_000.0))
+    known = intervals_of(path, limits, STANDSTILL, STANDSTILL)
+    _, phases = plan_to_rest(0.0, known, 0.0, limits, refined=False)
+    cells = []
+
+    def counted(window, *rest):
+        cells.append(len(window.length))
+        return False, window
+
+    monkeypatch.setattr(refine, "fastest", counted)
+    stretch = Stretch(phases, 0, len(phases), float(known.end[-1]), 0.0, rough)
+    out = np.empty(8 * len(phases) + 4096, phases.dtype)
+    legal, out, count = refine.refine_stretch.py_func(
+        stretch, known, sum_limits(limits.arrays), out, 0
+    )
+    allowed = refine.MOST_CELLS * phases["duration"].sum()
+    assert legal
+    if rough:
+        assert sum(cells) * refine.FAILED > allowed, "the case shows nothing"
+    else:
+        assert sum(cells[:-1]) * refine.FAILED <= allowed
+        assert (out[:count] == phases).all()

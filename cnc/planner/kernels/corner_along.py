@@ -24,10 +24,10 @@ from cnc.planner.kernels.corner_rates import (
     ALONG_JERK,
     NUMBERS,
     REST,
-    derivatives_at,
     peak_in,
     rate_at,
     read_step,
+    write_gradient,
 )
 from cnc.planner.kernels.corner_tube import EDGE, FIXED, Tube, place_ends, set_knots, steps_of
 
@@ -195,12 +195,7 @@ def evaluate_along(along: AlongRows, t: Floats, c: Floats) -> None:
         along.value[m] = rate_at(rate, polynomials, passed)
         if not along.value[m] < math.inf:
             continue
-        for q in range(d):
-            by_v, by_a, by_j = derivatives_at(rate, polynomials, r, passed, q)
-            for i in range(4):
-                along.gradient[m, i, q] = (
-                    weights[0, i] * by_v + weights[1, i] * by_a + weights[2, i] * by_j
-                )
+        write_gradient(rate, polynomials, r, passed, weights, along.gradient[m])
 
 
 @njit
@@ -291,17 +286,15 @@ def along_ahead(along: AlongRows, d: int, slope: Floats, by_groups: Floats) -> N
 def add_along(along: AlongRows, d: int, band: Floats) -> None:
     """Add ``weight`` times the square of the gradient of each row to second derivatives."""
     free = len(band)
+    flat = np.empty(4 * d)
     for m in range(along.number[0]):
         first = d * (along.step[m] - FIXED)
         for i in range(4):
-            at = first + d * i
-            if at < 0 or at >= free:
-                continue
-            for o in range(i, 4):
-                to = first + d * o
-                if to >= free:
-                    continue
-                for q in range(d):
-                    bent = along.weight[m] * along.gradient[m, i, q]
-                    for r in range(q if o == i else 0, d):
-                        band[at + q, to + r - at - q] += bent * along.gradient[m, o, r]
+            for q in range(d):
+                flat[d * i + q] = along.gradient[m, i, q]
+        end = min(4 * d, free - first)
+        for column in range(max(-first, 0), end):
+            # The entries of a row of the matrix are contiguous.
+            factor = along.weight[m] * flat[column]
+            for k in range(column, end):
+                band[first + column, k - column] += factor * flat[k]

@@ -168,32 +168,38 @@ def _beside_rest(polynomials: Floats, h: float, part: float) -> bool:
 
 
 @njit
-def derivatives_at(
-    kind: int, polynomials: Floats, r: Floats, passed: float, q: int
-) -> tuple[float, float, float]:
-    """Return the derivatives of a rate by component q of r', r'' and r''' at the step's start.
+def write_gradient(
+    kind: int, polynomials: Floats, r: Floats, passed: float, weights: Floats, gradient: Floats
+) -> None:
+    """Write the derivatives of a rate by the four control points of its step.
 
     Args:
         kind: of the rate.
         polynomials: of the step.
         r: (3, d): derivatives of the position at its start.
         passed: the place of the rate, s behind the start of the step.
-        q: the component.
+        weights: (3, 4): those of the control points in r.
+        gradient: (4, d): receives the derivatives.
     """
     f, half, bent, _ = at_time(polynomials, passed)
-    v = math.sqrt(f)
-    first = r[0, q] + passed * (r[1, q] + 0.5 * passed * r[2, q])
-    second = r[1, q] + passed * r[2, q]
-    across = second - half / f * first
-    by_j = 0.0
-    if kind == ALONG_JERK:
-        by_v = r[2, q] / v - first * bent / (v * f)
-        by_v += (3.0 * half * first / f - 2.0 * second) * half / (v * f)
-        by_a = 2.0 * across / v
-        by_j = first / v
-    elif kind == ALONG:
-        by_v, by_a = across / v, first / v
-    else:
-        by_v, by_a = -2.0 * half / f * across, 2.0 * across
-    by_j += passed * (by_a + 0.5 * passed * by_v)
-    return by_v, by_a + passed * by_v, by_j
+    by_f = 1.0 / f
+    by_speed = math.sqrt(by_f)
+    share = half * by_f
+    for q in range(r.shape[1]):
+        first = r[0, q] + passed * (r[1, q] + 0.5 * passed * r[2, q])
+        second = r[1, q] + passed * r[2, q]
+        across = second - share * first
+        by_j = 0.0
+        if kind == ALONG_JERK:
+            by_v = r[2, q] - first * bent * by_f + (3.0 * share * first - 2.0 * second) * share
+            by_v *= by_speed
+            by_a = 2.0 * across * by_speed
+            by_j = first * by_speed
+        elif kind == ALONG:
+            by_v, by_a = across * by_speed, first * by_speed
+        else:
+            by_v, by_a = -2.0 * share * across, 2.0 * across
+        by_j += passed * (by_a + 0.5 * passed * by_v)
+        by_a += passed * by_v
+        for i in range(4):
+            gradient[i, q] = weights[0, i] * by_v + weights[1, i] * by_a + weights[2, i] * by_j

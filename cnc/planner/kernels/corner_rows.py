@@ -82,6 +82,7 @@ class Rows(NamedTuple):
         beside: (rows,): 1 where the nearest point of the leg is none of its ends.
         t: (steps + 5,): t_-2 ... t_steps+2.
         along: the rows of the jerk along the path.
+        work: (1,): the rows of all steps of Newton's method, added up.
     """
 
     number: Ints
@@ -101,6 +102,7 @@ class Rows(NamedTuple):
     beside: Floats
     t: Floats
     along: AlongRows
+    work: Ints
 
 
 @njit
@@ -125,6 +127,7 @@ def new_rows(steps: int, axes: int, directions: int) -> Rows:
         np.zeros(rows),
         np.zeros(steps + 5),
         new_along(steps, directions),
+        np.zeros(1, np.int64),
     )
 
 

@@ -13,17 +13,16 @@ from typing import NamedTuple
 import numpy as np
 
 from cnc.compiled.jit import njit
-from cnc.path.kernels.curve import Floats, Ints
+from cnc.path.kernels.curve import Floats
 from cnc.planner.kernels.arrays import LimitArrays, PathArrays, PlanArrays
 from cnc.planner.kernels.corner_guess import Slow, slow_motion, slow_state
 from cnc.planner.kernels.corner_legs import (
     GROUPS,
     MOST_DIRECTIONS,
-    MOST_STEPS,
     basis_of,
     tube_of,
 )
-from cnc.planner.kernels.corner_motion import fastest_motion
+from cnc.planner.kernels.corner_memory import Solutions, solve
 from cnc.planner.kernels.corner_places import (
     MOST_CORNERS,
     Chain,
@@ -36,107 +35,6 @@ from cnc.planner.kernels.corner_places import (
 from cnc.planner.kernels.corner_rows import Rows
 from cnc.planner.kernels.corner_tube import Tube, place_ends, set_knots
 from cnc.planner.kernels.legs import REST, corner_time, directions, line_bounds
-
-# Solutions of the last searches: a plan that is cut elsewhere asks for the same motion.
-
-SOLUTIONS = 64
-"""Motions that are kept, so that they are not sought again."""
-
-NUMBERS = 1536
-"""Most numbers of the input of a motion that is kept."""
-
-
-class Solutions(NamedTuple):
-    """Results of searches, kept with their input.
-
-    Attributes:
-        input: (SOLUTIONS, NUMBERS): the input of each search; NaN for none.
-        length: (SOLUTIONS,): number of these numbers.
-        points: (SOLUTIONS, MOST_STEPS + 3, MOST_DIRECTIONS): its control points.
-        spans: (SOLUTIONS, groups): logarithms of the durations of its groups.
-        exists: (SOLUTIONS,): 1 if there is a motion, or 0.
-        next: (1,): the one to be replaced next.
-    """
-
-    input: Floats
-    length: Ints
-    points: Floats
-    spans: Floats
-    exists: Ints
-    next: Ints
-
-
-def new_solutions() -> Solutions:
-    """Return space for solutions."""
-    return Solutions(
-        np.full((SOLUTIONS, NUMBERS), math.nan),
-        np.zeros(SOLUTIONS, np.int64),
-        np.empty((SOLUTIONS, MOST_STEPS + 3, MOST_DIRECTIONS)),
-        np.empty((SOLUTIONS, GROUPS * (MOST_CORNERS + 1))),
-        np.zeros(SOLUTIONS, np.int64),
-        np.zeros(1, np.int64),
-    )
-
-
-@njit
-def _same_search(wanted: Floats, count: int, solutions: Solutions) -> int:
-    """Return the index of the search with the same input, or -1."""
-    for k in range(SOLUTIONS):
-        same = solutions.length[k] == count
-        i = 0
-        while same and i < count:
-            same = wanted[i] == solutions.input[k, i]
-            i += 1
-        if same:
-            return k
-    return -1
-
-
-@njit
-def _write_input(tube: Tube, c: Floats, spans: Floats, to: Floats) -> int:
-    """Write all that the search depends on, but for the machine's limits; return the count."""
-    parts = (
-        tube.axes.ravel(),
-        tube.travel.ravel(),
-        tube.feed,
-        tube.along.ravel(),
-        tube.start.ravel(),
-        tube.ends.ravel(),
-        spans,
-        c.ravel(),
-    )
-    to[0] = tube.tolerance
-    at = 1
-    for part in parts:
-        if at + len(part) > NUMBERS:
-            return 0
-        to[at : at + len(part)] = part
-        at += len(part)
-    return at
-
-
-@njit
-def solve(tube: Tube, rows: Rows, c: Floats, spans: Floats, solutions: Solutions) -> bool:
-    """Make the motion the fastest one; return whether there is one."""
-    wanted = np.empty(NUMBERS)
-    count = _write_input(tube, c, spans, wanted)
-    points, d = c.shape
-    k = _same_search(wanted, count, solutions) if count else -1
-    if k >= 0:
-        c[:] = solutions.points[k, :points, :d]
-        spans[:] = solutions.spans[k, : len(spans)]
-        return solutions.exists[k] > 0
-    exists = fastest_motion(tube, rows, c, spans)
-    if count:
-        k = solutions.next[0]
-        solutions.next[0] = (k + 1) % SOLUTIONS
-        solutions.input[k] = wanted
-        solutions.length[k] = count
-        solutions.points[k, :points, :d] = c
-        solutions.spans[k, : len(spans)] = spans
-        solutions.exists[k] = 1 if exists else 0
-    return exists
-
 
 SIDE = 0.3
 CLOSEST = 3.0

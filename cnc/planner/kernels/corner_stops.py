@@ -24,6 +24,7 @@ from cnc.compiled.jit import njit
 from cnc.path.kernels.curve import LENGTH, START, Floats
 from cnc.planner.kernels.arrays import LimitArrays, PathArrays, PlanArrays
 from cnc.planner.kernels.corner_legs import LEG_STEPS, MOST_DIRECTIONS, MOST_STEPS
+from cnc.planner.kernels.corner_memory import Solutions, allow_work
 from cnc.planner.kernels.corner_pieces import (
     EARLIER,
     NUMBERS,
@@ -48,7 +49,6 @@ from cnc.planner.kernels.corner_places import (
 from cnc.planner.kernels.corner_rows import Rows, new_rows
 from cnc.planner.kernels.corner_search import (
     Motion,
-    Solutions,
     find_motion,
     goes_on,
     times_of_motion,
@@ -154,6 +154,7 @@ def pass_corners(
     n = len(limits.axis_jerk)
     given = np.empty((2, n))
     rows = new_rows(MOST_STEPS, n, MOST_DIRECTIONS)
+    allow_work(solutions, plan.t[-1] - plan.t[0])
     passed = 0
     k = 0
     before = 0.0

@@ -24,6 +24,8 @@ It costs 50 us a cell; a plan in which nothing costs time is left as it is.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -85,6 +87,14 @@ of the turns of long rows would take most of the planning time and save 0.03 % o
 
 WORTHWHILE = 0.002
 """A refinement has to save this part of a stretch's time."""
+
+MOST_CELLS = 2000.0
+"""Cells for each second of a stretch that are solved at most, about a tenth of the motion's time.
+Where that is not enough the plan stays. A count does not depend on the machine, as a clock would.
+"""
+
+FAILED = 8.0
+"""A cell of a window without a legal result takes so many times as long as that of another one."""
 
 
 @njit
@@ -208,6 +218,15 @@ def with_space(out: Phases, count: int, more: int) -> Phases:
 
 
 @njit
+def _as_planned(stretch: Stretch, out: Phases, count: int) -> int:
+    """Append the phases of a stretch of a legal plan to ``out``; return the new count."""
+    for r in range(stretch.first, stretch.last):
+        out[count] = stretch.rows[r]
+        count += 1
+    return count
+
+
+@njit
 def refine_stretch(
     stretch: Stretch, intervals: Intervals, limits: SumLimits, out: Phases, count: int
 ) -> tuple[bool, Phases, int]:
@@ -215,7 +234,7 @@ def refine_stretch(
 
     Of each window the last cells are solved again together with the next ones. Where no legal
     motion is found so, the next ones are solved on their own, or in two parts. A window without a
-    legal motion keeps the phases of the plan.
+    legal motion keeps the phases of the plan. So does a stretch that would take too much computing.
 
     Returns:
         Whether the motion is legal, ``out`` or a larger copy, and the new count.
@@ -232,6 +251,9 @@ def refine_stretch(
     start, before = count, 0.0
     for r in range(stretch.first, stretch.last):
         before += rows[r]["duration"]
+    left = math.inf if stretch.rough else MOST_CELLS * before
+    if n > left:
+        return True, out, _as_planned(stretch, out, count)
     most = stretch.last - stretch.first + 2
     legal = True
     head = part_of(plan, 0, 0)
@@ -250,6 +272,9 @@ def refine_stretch(
                 window.share[m] = window.pace[m] = SEAM_SHARE
             describe(window, intervals)
         solved, cells = fastest(window, intervals, limits)
+        left -= size if solved else FAILED * size
+        if left < 0.0:
+            return True, out, _as_planned(stretch, out, start)
         out = with_space(out, count, 4 * (len(cells.length) + len(head.length)) + most)
         if not solved and len(head.length) > 0:
             # The motion behind the seam stays, and the next window begins behind it.
@@ -278,10 +303,7 @@ def refine_stretch(
     for k in range(start, count):
         after += out[k]["duration"]
     if not stretch.rough and not after < before * (1.0 - WORTHWHILE):
-        count = start
-        for r in range(stretch.first, stretch.last):
-            out[count] = rows[r]
-            count += 1
+        count = _as_planned(stretch, out, start)
     return legal, out, count
 
 
