@@ -25,7 +25,7 @@ from cnc.grbl_lines.path_samples import MARGIN
 from cnc.grbl_lines.translator import ARC_TOLERANCE, JUNCTION_DEVIATION, Translator
 from cnc.grbl_lines.writer import LoweredFeeds
 from cnc.machine.models import Machine
-from cnc.model.blocks import Abort, Block, BoardCommand, End, Probe, Stop, Tool
+from cnc.model.blocks import Abort, Block, BoardCommand, End, Probe, Stop, Tool, pause_reason
 from cnc.model.diagnostics import BoardError, Diagnostic
 from cnc.model.line_effects import MOTIONS, LineKind
 from cnc.model.operator_control import Control
@@ -37,7 +37,7 @@ from cnc.report.result import Extremes
 from cnc.session.context import SessionContext
 from cnc.session.pipeline import PlannedMotion
 from cnc.session.position_check import offset_lines
-from cnc.session.required_capabilities import pause_reason, pause_text
+from cnc.session.required_capabilities import pause_text
 from cnc.session.run_pulses import Progress, abort
 
 # Execution of a path on a line board, as lines that are sent as fast as the board accepts them.
@@ -514,7 +514,7 @@ class LinePass:
         on_progress(Progress(0.0, 0, 0))
         try:
             outcome = stream(
-                present.steps(self._steps() if kept is None else kept),
+                present.steps(self._counted(self._steps() if kept is None else kept)),
                 board,
                 control=control,
                 on_progress=on_progress,
@@ -540,6 +540,13 @@ class LinePass:
         translator = line_translator(self._board, self._context.reader.machine)
         self._lowered = translator.lowered
         yield from steps(map(self._noted, path), translator, on_lines)
+
+    def _counted(self, program: Iterable[Step]) -> Iterator[Step]:
+        """Yield the steps of a program; count its pauses."""
+        for step in program:
+            if step.block is not None and pause_reason(step.block):
+                self._context.observer.pause_at(step.block)
+            yield step
 
     def _without_pauses(self, path: Iterable[PathChunk | Block]) -> Iterator[PathChunk | Block]:
         """Yield a path without its pauses, which are kept."""
