@@ -3,7 +3,7 @@
 import {attempt, get, on, post, put, remove} from "./api.js";
 import {askYes} from "./asking.js";
 import * as heights from "./heights.js";
-import {say, worded} from "./machine.js";
+import {needs, say, worded} from "./machine.js";
 import * as picture from "./picture.js";
 
 const element = id => document.getElementById(id);
@@ -60,6 +60,7 @@ async function list() {
   select.replaceChildren(...jobs.map(({name, outcome}) => new Option(outcome ? `${name} (${outcome})` : name, name)));
   if (!jobs.some(({name}) => name === job)) await open(jobs[0]?.name ?? null);
   select.value = job ?? "";
+  needs();
 }
 
 async function open(name) {
