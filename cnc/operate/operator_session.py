@@ -168,6 +168,8 @@ def answered(action: Callable[[], Any]) -> Future[Any]:
 
 MOST_HISTORY = 1000
 """Entered lines that are kept."""
+MOST_POSITION = 100_000.0
+"""Farthest work position that a zero can set, mm: 100 m."""
 P = ParamSpec("P")
 T = TypeVar("T")
 
@@ -396,6 +398,10 @@ class OperatorSession:
                 hint = f"its axes are {', '.join(self.machine.axes)}"
                 message = f"the machine has no axis {', '.join(unknown)}" if unknown else "no axis"
                 raise UsageError(Diagnostic("jog-axis", message, hint=hint))
+            if any(abs(value) > MOST_POSITION for value in wanted.values()):
+                message = f"a work position is farther than {MOST_POSITION:g} mm"
+                hint = "give the position of the axes in mm, or degrees"
+                raise UsageError(Diagnostic("zero-value", message, hint=hint))
             if half:
                 work = self._worker.view.work_position(system)
                 wanted = {letter: work[letter] / 2.0 for letter in wanted}

@@ -60,7 +60,9 @@ STANDARD_INPUT_NAME = "<stdin>"
 """Name of standard input in messages."""
 MDI_NAME = "MDI"
 """Name of a line that the operator has entered, in messages."""
-WITHOUT_FILE = (STANDARD_INPUT_NAME, MDI_NAME)
+TEXT_NAME = "<text>"
+"""Name of a text that is given in place of a file, in messages."""
+WITHOUT_FILE = (STANDARD_INPUT_NAME, MDI_NAME, TEXT_NAME)
 """Names of programs that have no file: no checkpoint, and no folder of subroutines."""
 COPIED_BYTES = 4_000_000
 """A longer file is copied before it is read, so that the checked program is the one that runs.

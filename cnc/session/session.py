@@ -334,7 +334,8 @@ class Session:
         context = self._context
         if context.options.tool_lengths is not None:
             context.reader.policy = reading_policy(context.options, context.reader.machine, None)
-        return context.reader.blocks()
+        with readable_file(self._program) as context.reader.path:
+            yield from context.reader.blocks()
 
     @property
     def parameters(self) -> Mapping[int, float]:

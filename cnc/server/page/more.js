@@ -1,6 +1,6 @@
 // MDI, console, probing, macros, settings of the board, history.
 
-import {attempt, get, on, post, put} from "./api.js";
+import {attempt, get, on, post, put, visible} from "./api.js";
 import {needs, say} from "./machine.js";
 
 const element = id => document.getElementById(id);
@@ -129,7 +129,7 @@ async function showHistory() {
   body.replaceChildren();
   for (const {job, began, outcome, seconds, findings} of runs) {
     const row = body.insertRow(), when = typeof began === "number" ? new Date(began * 1000) : new Date(began);
-    for (const text of [when.toLocaleString(), job, outcome, `${seconds.toFixed(1)} s`]) row.insertCell().textContent = text;
+    for (const text of [when.toLocaleString(), visible(job), outcome, `${seconds.toFixed(1)} s`]) row.insertCell().textContent = text;
     row.cells[2].title = (findings ?? []).map(({message}) => message).join("\n");
     const cell = row.insertCell();
     // The library keeps the log of the last run of each job.
