@@ -631,6 +631,8 @@ class Programs:
             resumed = None if is_last or pause is None else self._wait_at(pause)
             if resumed is None:
                 break
+            # The reason of the pause is no longer that of the state.
+            view.begin(name)
             control, options = resumed, replace(options, home=False, from_line=None)
         if on_end is not None:
             on_end(session.parameters)

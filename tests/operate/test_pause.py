@@ -7,7 +7,7 @@ import time
 import pytest
 
 from cnc.model.diagnostics import UsageError
-from cnc.operate.events import Alarm, Dialog, JobEnded
+from cnc.operate.events import Alarm, Dialog, JobEnded, State
 from tests.support.waiting import wait_until
 
 PATIENCE = 60
@@ -99,6 +99,9 @@ def test_the_program_goes_on_at_the_height_of_a_zero_set_at_its_pause(paused, pa
     assert ended.result(PATIENCE).outcome == "done"
     # X14 Y5, and Z8 above the new zero.
     assert place(session) == pytest.approx({"x": 14.0, "y": 5.0, "z": 8.5}, abs=GRID)
+    # The state no longer names the pause.
+    after = [event for event in listener.events[begun:] if isinstance(event, State)]
+    assert after[-1].held == ""
     (question,) = [event for event in listener.events[begun:] if isinstance(event, Dialog)]
     # It lifts to the highest place of the program, and goes down to Z2 where it was stopped.
     zero = session.origin
