@@ -2,8 +2,8 @@
 
 Each corner of the surface stands at the centre of a cell, and at the edges of the stock. The top is
 two triangles for each square of four corners. Walls close the sides down to the bottom of the
-stock. Where a cut goes through, the surface lies in the bottom. Rows of corners that are equal to the
-rows beside them are left out, so that flat places and straight walls take few triangles.
+stock. Where a cut goes through, the surface lies in the bottom. Rows of corners that are equal to
+the rows beside them are left out, so that flat places and straight walls take few triangles.
 
 Source of the format: 3D Systems, "StereoLithography Interface Specification", 1989.
 """
