@@ -11,6 +11,7 @@ const WINDOW = 500;  // lines that are fetched at a time
 const ROW = 19;      // px, height of a line of text
 const TALLEST = 8e6; // px; browsers end an element of more than 17 million
 
+let uploading = false;  // the list then opens no job of its own, which would empty the fields again
 let job = null, total = 0, now = 0, windows = new Map(), found = new Map();
 
 export async function begin() {
@@ -83,7 +84,7 @@ async function list() {
   const others = await get("left-out"), most = 5;
   element("left-out").textContent = others.length === 0 ? "" : `Not in the list: ${others.slice(0, most).map(({name, why}) => `${visible(name)} (${why})`).join("; ")}${
     others.length > most ? `; and ${others.length - most} more files` : ""}`;
-  if (!jobs.some(({name}) => name === job)) await open(jobs[0]?.name ?? null);
+  if (!uploading && !jobs.some(({name}) => name === job)) await open(jobs[0]?.name ?? null);
   select.value = job ?? "";
   needs();
 }
@@ -116,12 +117,13 @@ async function upload(event) {
   event.target.value = "";
   if (!file) return;
   const text = await file.text();
+  uploading = true;
   await attempt(async () => {
     await put(`jobs/${encodeURIComponent(file.name)}`, {text});
     await list();
-    element("jobs").value = file.name;
+    job = element("jobs").value = file.name;
     await open(file.name);
-  });
+  }).finally(() => { uploading = false; });
 }
 
 async function check() {
