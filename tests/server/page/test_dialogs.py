@@ -24,7 +24,7 @@ BEFORE = "G21 G90 F3000\nG53 G0 X-100 Y-100 Z-19\n"
 PROGRAMS = {
     "tool": BEFORE + "T2 M6 (the ball)\nG53 G0 X-101\nM30\n",
     "stop": BEFORE + "M0 (turn the part)\nG53 G0 X-101\nM30\n",
-    "restart": BEFORE + "G53 G0 X-101\nM30\n",
+    "restart": BEFORE + "G53 G1 X-101\nM30\n",
 }
 TEXTS = {"tool": "put in tool 2", "stop": "turn the part", "restart": "from line 3"}
 LOSSES = ["reload", "second device", "lost connection"]
