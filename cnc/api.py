@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from cnc.batch import pool
 from cnc.boards.protocols import LineSink, PulseSink
@@ -44,7 +45,7 @@ from cnc.session.kernel_needs import moving_jobs
 from cnc.session.options import Outputs, RunOptions
 from cnc.session.pipeline import path_of
 from cnc.session.position_check import home_by_board
-from cnc.session.program_reader import start_position
+from cnc.session.program_reader import TEXT_NAME, InlineProgram, start_position
 from cnc.session.run_pulses import Progress
 from cnc.session.session import Session
 
@@ -65,6 +66,8 @@ __all__ = [
     "Selection",
     "check",
     "check_many",
+    "from_points",
+    "from_text",
     "home",
     "load_machine",
     "parse",
@@ -73,18 +76,62 @@ __all__ = [
     "start_position",
 ]
 
+Program = Path | str | InlineProgram
+"""A program's file, ``-`` for standard input, or a program that :func:`from_text` or
+:func:`from_points` returns."""
 MachineChoice = Machine | Path | str | None
 """A machine, its file, the name of a shipped machine file, or None for the default machine."""
 Board = PulseSink | LineSink
 
 
+def from_text(text: str) -> InlineProgram:
+    """Return a program whose text is given, for all functions that take a program.
+
+    Its name in messages is ``<text>``. It has no checkpoint, and no folder of subroutines.
+    """
+    return InlineProgram(TEXT_NAME, text.encode())
+
+
+def from_points(points: ArrayLike, feed: float, axes: str = "xyz") -> InlineProgram:
+    """Return a program of straight moves through points.
+
+    The first point is reached by a traverse, the others at the feed. The blend at the corners is
+    that of the machine file (G64).
+
+    Args:
+        points: Positions (n, axes) in the work coordinates in effect, mm (degrees).
+        feed: mm/min.
+        axes: Letters of the columns.
+
+    Raises:
+        UsageError: ``points-shape`` if the points are not (n, axes) finite numbers with n > 0, or
+            the feed is not above 0.
+    """
+    places = np.asarray(points, np.float64)
+    if places.ndim != 2 or places.shape[1] != len(axes) or not np.isfinite(places).all():
+        message = f"the points have the shape {places.shape}, or are not all finite"
+        hint = f"give an array (n, {len(axes)}), a column for each of {', '.join(axes)}"
+        raise UsageError(Diagnostic("points-shape", message, hint=hint))
+    if not (len(places) and feed > 0.0 and math.isfinite(feed)):
+        message, hint = "there is no point, or the feed is not above 0", "give points and mm/min"
+        raise UsageError(Diagnostic("points-shape", message, hint=hint))
+    words = [
+        " ".join(f"{axis.upper()}{value:.6f}" for axis, value in zip(axes, place, strict=True))
+        for place in places.tolist()
+    ]
+    lines = ["G21 G90 G94", f"G0 {words[0]}", *(f"G1 {each}" for each in words[1:]), "M2"]
+    if len(words) > 1:
+        lines[2] += f" F{feed:.6f}"
+    return from_text("\n".join(lines) + "\n")
+
+
 def parse(
-    program: Path | str, machine: MachineChoice = None, *, dialect: DialectName | None = None
+    program: Program, machine: MachineChoice = None, *, dialect: DialectName | None = None
 ) -> Iterator[Block]:
     """Read a program file and yield its canonical blocks as they are read.
 
     Args:
-        program: The file; ``-`` for standard input.
+        program: The file, ``-`` for standard input, or a given text or points.
         machine: The machine, whose file also names the tool table and the parameters.
         dialect: How to read the program; None for the machine file's choice.
 
@@ -97,7 +144,7 @@ def parse(
 
 
 def plan(
-    program: Path | str, machine: MachineChoice = None, *, dialect: DialectName | None = None
+    program: Program, machine: MachineChoice = None, *, dialect: DialectName | None = None
 ) -> Iterator[PlanChunk | Block]:
     """Yield the jerk-limited plan of a program file, with the blocks between the moves, in order.
 
@@ -113,7 +160,7 @@ def plan(
 
 
 def check(
-    program: Path | str,
+    program: Program,
     machine: MachineChoice = None,
     options: RunOptions | None = None,
     *,
@@ -123,7 +170,7 @@ def check(
     """Verify a program without a board: language, travel, the limits of the plan, and pulses.
 
     Args:
-        program: The file; ``-`` for standard input.
+        program: The file, ``-`` for standard input, or a given text or points.
         machine: The machine.
         options: Options of the check; None for the defaults.
         callbacks: Functions that follow the check.
@@ -169,7 +216,7 @@ def check_many(
 
 
 def run(
-    program: Path | str,
+    program: Program,
     machine: MachineChoice = None,
     options: RunOptions | None = None,
     *,
@@ -181,7 +228,7 @@ def run(
     """Check a program, then run it on a board.
 
     Args:
-        program: The file; ``-`` for standard input.
+        program: The file, ``-`` for standard input, or a given text or points.
         machine: The machine.
         options: Options of the run; None for the defaults.
         board: The board, or its name; None for the board of the machine file.

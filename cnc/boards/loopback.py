@@ -61,6 +61,9 @@ class Loopback(PulseSink):
         fail_after: int | None = None,
         motors: Sequence[int] = (),
     ) -> None:
+        if not isinstance(axes, int):
+            message = f"Loopback takes the number of axes, not {axes!r}: Loopback(3)"
+            raise TypeError(f"{message}, or Loopback.from_machine(load_machine())")
         self.axes = axes
         self.min_pulse_ns = min_pulse_ns
         self.fail_after = fail_after

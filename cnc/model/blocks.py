@@ -242,6 +242,18 @@ class Stop(Block):
     pallet: bool = False
 
 
+def pause_reason(block: Block) -> str:
+    """Return why the machine waits for the operator at a block; empty if it does not wait.
+
+    The machine does not wait at M1, unless the user has turned the optional stop on.
+    """
+    if isinstance(block, Tool) and block.change:
+        return f"put in tool {block.number}"
+    if isinstance(block, Stop) and not block.optional:
+        return "change the pallet" if block.pallet else "the program stops here"
+    return ""
+
+
 @canonical
 class End(Block):
     """End of the program (M2, M30)."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from queue import SimpleQueue
+from contextlib import suppress
+from queue import Empty, SimpleQueue
 
 from cnc.model.diagnostics import Diagnostic, UsageError
 
@@ -172,7 +173,13 @@ class Control:
         self._stopped = True
         self._wake_ups.put(None)
 
-    def wait(self) -> None:
-        """Block until motion is not held or a stop is requested."""
-        while self._held and not self._stopped:
-            self._wake_ups.get()
+    def wait(self, seconds: float | None = None) -> bool:
+        """Block until motion is not held or a stop is requested, or for a time, s.
+
+        Returns:
+            Whether motion is held still.
+        """
+        with suppress(Empty):
+            while self._held and not self._stopped:
+                self._wake_ups.get(timeout=seconds)
+        return self._held and not self._stopped

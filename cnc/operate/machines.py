@@ -26,7 +26,7 @@ from cnc.operate.jogging import REST_TIME, JogMove, jog
 from cnc.planner.joints import Joints
 from cnc.session import homing
 from cnc.session.homing import homed_steps
-from cnc.session.kernel_cache import ensure_compiled
+from cnc.session.kernel_cache import load_kernels
 from cnc.session.kernel_needs import moving_jobs
 from cnc.session.position_check import (
     CHANGED,
@@ -301,12 +301,10 @@ class PulseMachine:
 
     def home(self, axes: Sequence[str], control: Control) -> None:
         """Home axes one after the other on their switches."""
-        self._compile()
         homing.home(self.board, self.machine, axes, self._start, control=control)
 
     def jog(self, move: JogMove, control: Control, on_report: Callable[[Readings], None]) -> None:
         """Jog by a plan that a hold ends."""
-        self._compile()
         start = self.tip()
         end = start.copy()
         for column, letter in enumerate(self.machine.axes):
@@ -415,9 +413,6 @@ class PulseMachine:
             raise UsageError(Diagnostic("no-parameter-file", message, hint=hint))
         return file
 
-    def _compile(self) -> None:
-        ensure_compiled(None, None, moving_jobs(self.board))
-
     def for_jogs(self) -> Machine:
         """Return the machine with the step rates of the board."""
         machine = self.machine
@@ -452,6 +447,8 @@ def operated(board: PulseSink | LineSink, machine: Machine) -> OperatedMachine:
         UsageError: ``no-operation`` for a board that takes lines and only runs programs.
     """
     if board.takes == "pulses":
+        # The first jog would load them while the board plays its beginning.
+        load_kernels(moving_jobs(board))
         return PulseMachine(board, machine)
     operation = board.operation
     if operation is None:

@@ -6,7 +6,7 @@ programs run there (:mod:`cnc.operate.program_session`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import partial
@@ -168,6 +168,8 @@ def answered(action: Callable[[], Any]) -> Future[Any]:
 
 MOST_HISTORY = 1000
 """Entered lines that are kept."""
+MOST_POSITION = 100_000.0
+"""Farthest work position that a zero can set, mm: 100 m."""
 P = ParamSpec("P")
 T = TypeVar("T")
 
@@ -341,10 +343,11 @@ class OperatorSession:
             UsageError: ``machine-busy``, ``soft-limit``, ``jog-unhomed``, ``jog-axis``,
                 ``jog-nowhere``, ``jog-feed``.
         """
-        move = self._jog_move(jogging.step_move, distances, feed, unhomed=unhomed)
+        plan = partial(self._jog_move, jogging.step_move, distances, feed, unhomed=unhomed)
+        plan()
         control = Control()
         return self._worker.begin(
-            "jog", lambda: self._carry_out_jog(move, control), control=control
+            "jog", lambda: self._carry_out_jog(plan, control), control=control
         )
 
     def jog(
@@ -366,9 +369,9 @@ class OperatorSession:
         Raises:
             UsageError: As :meth:`jog_step`.
         """
-        move = self._jog_move(jogging.endless_move, directions, feed, unhomed=unhomed)
-        jog = Jog(move.feed, keep_alive, self._clock)
-        jog.ended = self._worker.begin("jog", lambda: self._carry_out_jog(move, jog), control=jog)
+        plan = partial(self._jog_move, jogging.endless_move, directions, feed, unhomed=unhomed)
+        jog = Jog(plan().feed, keep_alive, self._clock)
+        jog.ended = self._worker.begin("jog", lambda: self._carry_out_jog(plan, jog), control=jog)
         self._jog = jog
         jog.ended.add_done_callback(lambda _: self._forget_jog(jog))
         return jog
@@ -388,12 +391,17 @@ class OperatorSession:
         """
 
         def zero() -> dict[str, dict[str, float]]:
+            self._refuse_zero()
             wanted = dict(values)
             unknown = [letter for letter in wanted if letter not in self.machine.axes]
             if unknown or not wanted:
                 hint = f"its axes are {', '.join(self.machine.axes)}"
                 message = f"the machine has no axis {', '.join(unknown)}" if unknown else "no axis"
                 raise UsageError(Diagnostic("jog-axis", message, hint=hint))
+            if any(abs(value) > MOST_POSITION for value in wanted.values()):
+                message = f"a work position is farther than {MOST_POSITION:g} mm"
+                hint = "give the position of the axes in mm, or degrees"
+                raise UsageError(Diagnostic("zero-value", message, hint=hint))
             if half:
                 work = self._worker.view.work_position(system)
                 wanted = {letter: work[letter] / 2.0 for letter in wanted}
@@ -460,7 +468,13 @@ class OperatorSession:
 
     def probe(self, line: str) -> Future[JobEnded]:
         """Run the call of a probing cycle (:func:`cnc.operate.probing.mdi_line`)."""
-        return self._worker.begin("probe", lambda: self._programs.probe(line))
+
+        def probe() -> JobEnded:
+            self._refuse_zero()
+            self._refuse_unless_lifted(self.machine.axes)
+            return self._programs.probe(line)
+
+        return self._worker.begin("probe", probe)
 
     def probe_grid(self, grid: Grid, *, trust_position: bool = False) -> Future[HeightMap]:
         """Probe a surface on a grid, and return its height map.
@@ -473,8 +487,13 @@ class OperatorSession:
             UsageError: ``height-map-grid``, also if a contact is missing.
         """
         grid.check()
-        run = partial(self._programs.probe_grid, grid, trust_position=trust_position)
-        return self._worker.begin("probe", run)
+
+        def probe() -> HeightMap:
+            self._refuse_zero()
+            self._refuse_unless_lifted(self.machine.axes)
+            return self._programs.probe_grid(grid, trust_position=trust_position)
+
+        return self._worker.begin("probe", probe)
 
     # Requests, at any time
 
@@ -483,8 +502,8 @@ class OperatorSession:
         self._worker.control.hold()
 
     def resume(self) -> None:
-        """Continue after a hold."""
-        self._worker.control.resume()
+        """Continue after a hold. UsageError ``machine-busy`` during a jog at a pause."""
+        self._worker.resume()
 
     def override(
         self, *, feed: float | None = None, rapid: int | None = None, spindle: float | None = None
@@ -513,7 +532,7 @@ class OperatorSession:
             return False
         if dialog.kind != "restart":
             if yes:
-                self._worker.control.resume()
+                self._worker.resume()
             else:
                 self.stop()
         return True
@@ -534,10 +553,7 @@ class OperatorSession:
 
     def stop(self) -> None:
         """Come to rest on the path, and end the activity."""
-        control = self._worker.control
-        control.stop()
-        control.hold()
-        self._worker.dialogs.close()
+        self._worker.stop()
 
     # Parts of activities
 
@@ -571,10 +587,23 @@ class OperatorSession:
         assert isinstance(move, jogging.JogMove)
         return move
 
-    def _carry_out_jog(self, move: jogging.JogMove, control: Control) -> None:
+    def _carry_out_jog(self, plan: Callable[[], jogging.JogMove], control: Control) -> None:
         if control.held:
             return
+        # From the place where the machine rests now: at a pause it may have moved until here.
+        move = plan()
+        self._refuse_unless_lifted(move.end)
         self._worker.machine.jog(move, control, self._worker.view.take)
+
+    def _refuse_unless_lifted(self, letters: Iterable[str]) -> None:
+        """Refuse moves across in the part, at a pause. UsageError ``jog-not-lifted``."""
+        if (pause := self._worker.pause) is not None:
+            pause.refuse_unless_lifted(letters, self._worker.view.readings.position.get("z"))
+
+    def _refuse_zero(self) -> None:
+        """Refuse a zero that a paused program would set back. UsageError ``pause-zero``."""
+        if (pause := self._worker.pause) is not None:
+            pause.refuse_zero()
 
     def _console(self, arrow: str, text: str) -> None:
         self.events.emit(ConsoleLine(direction="sent" if arrow == "->" else "received", text=text))

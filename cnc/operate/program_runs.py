@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.model.diagnostics import CncError, Diagnostic
-from cnc.model.operator_control import Control
 from cnc.operate.events import (
     Dialog,
     DialogClosed,
@@ -117,8 +116,8 @@ class RunWatch:
         program: Name of the program in the events.
         events: Receives the events.
         dialogs: Asks the operator.
-        control: The operator's requests.
         on_progress: Called with the progress of the board.
+        on_pause: Called with the question of a pause, and with None at its end.
         skipped: Lines before the first line of the operator's text.
     """
 
@@ -127,12 +126,13 @@ class RunWatch:
         program: str,
         events: EventStream,
         dialogs: Dialogs,
-        control: Control,
         on_progress: Callable[[Progress], None],
+        on_pause: Callable[[Dialog | None], None],
         skipped: int = 0,
     ) -> None:
+        self._on_pause = on_pause
         self._program, self._events, self._dialogs = program, events, dialogs
-        self._control, self._on_progress = control, on_progress
+        self._on_progress = on_progress
         self._skipped = skipped
         self._shown: tuple[Stage, int, float] = ("checking", -1, 0.0)
         self._reason = ""
@@ -179,14 +179,16 @@ class RunWatch:
             return
         self._reason = reason
         if not reason:
+            self._on_pause(None)
             self._dialogs.close()
             return
-        kind: DialogKind = "stop"
+        kind: DialogKind = "door"
         if reason.startswith("put in tool"):
             kind = "tool"
-        elif "door" in reason:
-            kind = "door"
-        self._dialogs.show(kind, reason)
+        elif reason.startswith(("the program stops here", "change the pallet")):
+            kind = "stop"
+        dialog = self._dialogs.show(kind, reason)
+        self._on_pause(None if kind == "door" else dialog)
 
 
 def ended(report: Report, program: str, skipped: int = 0) -> JobEnded:

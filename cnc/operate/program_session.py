@@ -6,10 +6,10 @@ import itertools
 import logging
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Future
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import TypeVar
@@ -23,6 +23,7 @@ from cnc.operate import program_runs
 from cnc.operate.events import (
     Activity,
     Alarm,
+    Dialog,
     EventStream,
     Finding,
     JobEnded,
@@ -37,6 +38,7 @@ from cnc.operate.program_runs import Dialogs, RunWatch
 from cnc.operate.state_view import StateView
 from cnc.session.options import RunOptions
 from cnc.session.program_reader import MDI_NAME, InlineProgram
+from cnc.session.resume import PausePlace
 from cnc.session.run_pulses import Progress
 from cnc.session.session import Session
 
@@ -55,6 +57,10 @@ log = logging.getLogger(__name__)
 
 KEEP_ALIVE = 0.2
 """Time without a sign of life after which a jog ends, s."""
+IN_PAUSE: frozenset[Activity] = frozenset({"jog", "zero", "probe"})
+"""Activities that are possible while a program waits at M0 or M6."""
+LIFTED = 0.01
+"""Z counts as lifted from this distance below the height, mm."""
 T = TypeVar("T")
 
 
@@ -97,6 +103,76 @@ class Jog(Control):
         return self._held
 
 
+class Pause:
+    """A pause of the running program (M0, M6) at which the operator may use the machine.
+
+    The run ends at the first activity. A new one goes on after the pause when the operator resumes:
+    the program is read and checked again, with the zeros and tool lengths that hold then. So
+    nothing that was planned with the old ones is ever sent.
+
+    Args:
+        session: The session that runs the program.
+        question: The question of the pause.
+
+    Attributes:
+        place: The place of the pause; None while the run waits there itself.
+        goes_on: Whether the operator has resumed; None before the answer.
+        question: The question of the pause.
+    """
+
+    def __init__(self, session: Session, question: Dialog) -> None:
+        self._session, self.question = session, question
+        self.place: PausePlace | None = None
+        self.goes_on: bool | None = None
+        self._lifted = False
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the operator has not answered yet."""
+        return self.goes_on is None
+
+    def find_place(self) -> PausePlace:
+        """Read the program up to the pause. UsageError ``pause-fixed`` if it cannot go on there."""
+        try:
+            return self._session.place_of_pause()
+        except CncError as error:
+            message = f"the program cannot go on after this pause: {error.diagnostic.message}"
+            hint = "resume, or stop the program and begin it again when all is set"
+            raise UsageError(Diagnostic("pause-fixed", message, hint=hint)) from error
+
+    def refuse_unless_lifted(self, letters: Iterable[str], z: float | None) -> None:
+        """Refuse moves of other axes than Z until Z was lifted: the tool may stand in the part.
+
+        Args:
+            letters: The axes that move.
+            z: Machine position of Z, mm; None without the axis.
+
+        Raises:
+            UsageError: ``jog-not-lifted``.
+        """
+        height = None if self.place is None else self.place.height
+        self._lifted |= height is None or z is None or z >= height - LIFTED
+        if not self._lifted and any(letter != "z" for letter in letters):
+            message = "the tool may stand in the part"
+            hint = f"lift Z to {height:.3f} (machine position) first"
+            raise UsageError(Diagnostic("jog-not-lifted", message, hint=hint))
+
+    def refuse_zero(self) -> None:
+        """Refuse a zero that the program would set back. UsageError ``pause-zero``."""
+        if self.place is not None and self.place.sets_zeros:
+            message = "the program itself has set a zero or a tool length before this pause"
+            hint = "stop it, set the zero in the program, and start it again"
+            raise UsageError(Diagnostic("pause-zero", message, hint=hint))
+
+
+@dataclass(slots=True, eq=False)
+class _Task:
+    """An activity that is under way, and the requests of the operator to it."""
+
+    activity: Activity
+    control: Control
+
+
 class Worker:
     """The thread that uses the board, its queue of activities, and the state of the session.
 
@@ -108,8 +184,8 @@ class Worker:
         dialogs: The open question to the operator.
         view: The state that is shown.
         operated: The machine behind the board; None without a board.
-        control: Requests of the operator to the present activity.
         overrides: Overrides that the next activity begins with.
+        pause: The pause at which the program waits; None without one.
     """
 
     def __init__(self, machine: Machine) -> None:
@@ -117,10 +193,10 @@ class Worker:
         self.dialogs = Dialogs(self.events)
         self.view = StateView(machine)
         self.operated: OperatedMachine | None = None
-        self.control = Control()
         self.overrides = Control()
-        self._activity: Activity = "none"
-        self._busy = False
+        self.pause: Pause | None = None
+        self._idle = Control()
+        self._running: list[_Task] = []
         self._lock = threading.RLock()
         self._tasks: SimpleQueue[Callable[[], None]] = SimpleQueue()
         self._closed = threading.Event()
@@ -133,6 +209,21 @@ class Worker:
     def state(self) -> State:
         """The present state."""
         return self.view.state(self._activity, self.overrides)
+
+    @property
+    def control(self) -> Control:
+        """Requests of the operator to the present activity."""
+        running = self._running
+        return running[-1].control if running else self._idle
+
+    @property
+    def _activity(self) -> Activity:
+        running = self._running
+        return running[-1].activity if running else "none"
+
+    @property
+    def _busy(self) -> bool:
+        return bool(self._running)
 
     def close(self) -> None:
         """Release the board when the activity has ended, and end the threads."""
@@ -162,27 +253,111 @@ class Worker:
         with self._lock:
             if needs_board and self.operated is None:
                 raise not_connected()
-            if self._busy:
+            pause = self.pause if activity in IN_PAUSE else None
+            if self._running and (pause is None or not pause.is_open or len(self._running) > 1):
                 hint = "wait for its end, or stop it"
                 message = f"the machine is busy: {self._activity}"
                 raise UsageError(Diagnostic("machine-busy", message, hint=hint))
-            self._busy, self._activity = True, activity
-            self.control = control or self._new_control()
+            task = _Task(activity, control or self._new_control())
+            self._running.append(task)
         self.events.emit_present(lambda: self.state)
 
+        def refuse(error: CncError) -> None:
+            self._fault(error)
+            with self._lock:
+                self._running.remove(task)
+            future.set_exception(error)
+
         def work() -> None:
+            if pause is not None and not (self.pause is pause and pause.is_open):
+                refuse(_resumed())
+                return
             try:
                 result = action()
             except BaseException as error:
                 self._fault(error)
-                self._end_activity()
+                self._end_activity(task)
                 future.set_exception(error)
             else:
-                self._end_activity()
+                self._end_activity(task)
                 future.set_result(result)
 
-        self._tasks.put(work)
+        def end_run() -> None:
+            try:
+                assert pause is not None
+                self._end_run_at(pause)
+            except CncError as error:
+                refuse(error)
+            else:
+                self._tasks.put(work)
+
+        if pause is None or pause.place is not None:
+            self._tasks.put(work)
+        else:
+            # This thread takes a stop while the program is read up to its pause.
+            threading.Thread(target=end_run, daemon=True, name="pause").start()
         return future
+
+    def _end_run_at(self, pause: Pause) -> None:
+        """End the run that waits at a pause, so that the worker comes to other activities."""
+        place = pause.find_place()
+        with self._lock:
+            control = self._running[0].control if self._running else self._idle
+            # The operator may have resumed or stopped meanwhile.
+            if self.pause is not pause or not pause.is_open or not control.held:
+                raise _resumed()
+            pause.place = place
+            control.stop()
+
+    def resume(self) -> None:
+        """Continue after a hold. UsageError ``machine-busy`` during a move by hand in a pause."""
+        with self._lock:
+            pause, running = self.pause, self._running
+            if pause is None or pause.place is None:
+                for task in running[:1]:
+                    task.control.resume()
+            elif len(running) == 1:
+                pause.goes_on = True
+                self._tasks.put(lambda: None)
+            elif self._activity == "probe":
+                self.control.resume()
+            else:
+                message, hint = f"the machine is busy: {self._activity}", "wait for its end"
+                raise UsageError(Diagnostic("machine-busy", message, hint=hint))
+
+    def stop(self) -> None:
+        """Come to rest on the path, and end the activity, or all if the program is paused."""
+        with self._lock:
+            for task in self._running:
+                task.control.stop()
+                task.control.hold()
+            if self.pause is not None:
+                self.pause.goes_on = False
+                self._tasks.put(lambda: None)
+        self.dialogs.close()
+
+    def wait_at(self, pause: Pause) -> Control | None:
+        """Carry out activities until the operator resumes the paused program.
+
+        Returns:
+            The requests to the program from then on; None if it ends here.
+        """
+        self.pause = pause
+        self._ask(pause)
+        self.view.paused = pause.question.text
+        self.serve(lambda: not pause.is_open or self.operated is None)
+        self.view.paused = ""
+        with self._lock:
+            self.pause = None
+            if not pause.goes_on or self.operated is None:
+                return None
+            self._running[0].control = self._new_control()
+            return self._running[0].control
+
+    def _ask(self, pause: Pause) -> None:
+        """Ask the question of a pause, unless it is open."""
+        if self.dialogs.open is None:
+            pause.question = self.dialogs.show(pause.question.kind, pause.question.text)
 
     def _new_control(self) -> Control:
         control = Control(self.overrides.feed_override)
@@ -190,22 +365,29 @@ class Worker:
         control.override_spindle(self.overrides.spindle_override)
         return control
 
-    def _end_activity(self) -> None:
+    def _end_activity(self, task: _Task) -> None:
         machine = self.operated
         if machine is not None:
             try:
                 machine.revive()
                 self.view.read(machine)
             except BoardError as error:
-                self._emit_fault(error)
+                self.emit_fault(error)
                 self.drop()
-        self.dialogs.close()
         with self._lock:
-            self._busy, self._activity = False, "none"
+            self._running.remove(task)
+            if not self._running:
+                self.pause = None
+            pause = self.pause
+        if pause is None or not pause.is_open:
+            self.dialogs.close()
+        else:
+            self._ask(pause)
         self.events.emit_present(lambda: self.state)
 
-    def _work(self) -> None:
-        while not self._closed.is_set():
+    def serve(self, ends: Callable[[], bool]) -> None:
+        """Carry out activities, and exchange reports with the board between them, until an end."""
+        while not ends():
             machine = self.operated
             try:
                 task = self._tasks.get(timeout=STATE_PERIOD if machine is None else machine.pause)
@@ -214,6 +396,9 @@ class Worker:
                     self._poll(machine)
             else:
                 task()
+
+    def _work(self) -> None:
+        self.serve(self._closed.is_set)
         self.drop()
 
     def _poll(self, machine: OperatedMachine) -> None:
@@ -221,7 +406,7 @@ class Worker:
             machine.poll()
             self.view.read(machine)
         except BoardError as error:
-            self._emit_fault(error)
+            self.emit_fault(error)
             try:
                 machine.revive()
                 self.view.read(machine)
@@ -246,19 +431,25 @@ class Worker:
         if isinstance(error, HomingStopped):
             self.notice(Diagnostic("homing-stopped", str(error), severity="warning"))
         elif isinstance(error, CncError):
-            self._emit_fault(error)
+            self.emit_fault(error)
         else:
             log.critical("internal error", exc_info=error)
             message = f"cncrun failed: {type(error).__name__}: {error}"
             self.notice(Diagnostic("internal-error", message))
 
-    def _emit_fault(self, error: CncError) -> None:
+    def emit_fault(self, error: CncError) -> None:
+        """Report a fault."""
         log.error("%s", error.diagnostic.render())
         self.events.emit(Alarm(finding=Finding.of(error.diagnostic)))
 
     def notice(self, diagnostic: Diagnostic) -> None:
         """Report a finding."""
         self.events.emit(Notice(finding=Finding.of(diagnostic)))
+
+
+def _resumed() -> UsageError:
+    message, hint = "the pause of the program has ended", "hold or stop the program"
+    return UsageError(Diagnostic("machine-busy", message, hint=hint))
 
 
 def not_connected() -> UsageError:
@@ -374,32 +565,84 @@ class Programs:
         skipped: int,
         on_end: Callable[[Mapping[int, float]], object] | None = None,
     ) -> JobEnded:
-        worker = self._worker
-        machine, control = worker.machine, worker.control
-        self._worker.view.begin(name)
-
-        def on_progress(progress: Progress) -> None:
-            self._worker.view.progress(progress, machine.of_progress(progress))
-
-        watch = RunWatch(name, worker.events, worker.dialogs, control, on_progress, skipped)
+        shown = self._worker.view.begin(name)
         try:
-            session = Session(
-                program, self._machine, options, callbacks=watch.callbacks(), control=control
-            )
-            report = session.run(machine.board, self._worker.view.board)
-            ended = program_runs.ended(report, name, skipped)
-            if on_end is not None:
-                on_end(session.parameters)
+            ended = self._parts(program, name, options, skipped, on_end)
         except CncError as error:
             ended = program_runs.failed(error, name)
         finally:
-            self._worker.view.end()
-        worker.events.emit(ended)
+            self._worker.view.end(shown)
+        self._worker.events.emit(ended)
         # The end of the activity reports a board that has failed; the outcome of the run stays.
         with suppress(BoardError):
-            machine.revive()
+            self._worker.machine.revive()
             self.offsets_changed()
         return ended
+
+    def _parts(
+        self,
+        program: Path | InlineProgram,
+        name: str,
+        options: RunOptions,
+        skipped: int,
+        on_end: Callable[[Mapping[int, float]], object] | None,
+    ) -> JobEnded:
+        """Run a program; a pause at which the operator uses the machine divides it into parts."""
+        worker, machine, control = self._worker, self._worker.machine, self._worker.control
+        view, seconds = worker.view, 0.0
+        pause: Pause | None = None
+
+        def on_progress(progress: Progress) -> None:
+            view.progress(progress, machine.of_progress(progress))
+
+        while True:
+            reached: Pause | None = None
+
+            def at_pause(question: Dialog | None) -> None:
+                nonlocal reached
+                # A cycle that runs at a pause has no pause of its own.
+                if worker.pause is None or worker.pause.place is None:
+                    reached = None if question is None else Pause(session, question)  # noqa: B023
+                    worker.pause = reached
+
+            watch = RunWatch(name, worker.events, worker.dialogs, on_progress, at_pause, skipped)
+            session = Session(
+                program,
+                self._machine,
+                options,
+                callbacks=watch.callbacks(),
+                control=control,
+                after=None if pause is None else pause.place,
+            )
+            report, is_last = session.run(machine.board, view.board), False
+            # A run that does not go on has ended at its pause.
+            if pause is None or session.moved:
+                seconds += report.duration_s
+                ended = replace(program_runs.ended(report, name, skipped), seconds=seconds)
+            if reached is not None and reached.place is not None and not report.faults:
+                pause = reached
+            elif pause is not None and report.faults and not (session.moved or control.stopped):
+                # Such as a new zero that leads out of the travel: it can be set again.
+                pause.goes_on = None
+                for fault in report.faults:
+                    worker.emit_fault(fault)
+            else:
+                is_last = True
+            resumed = None if is_last or pause is None else self._wait_at(pause)
+            if resumed is None:
+                break
+            # The reason of the pause is no longer that of the state.
+            view.begin(name)
+            control, options = resumed, replace(options, home=False, from_line=None)
+        if on_end is not None:
+            on_end(session.parameters)
+        return ended
+
+    def _wait_at(self, pause: Pause) -> Control | None:
+        """Let the operator use the machine; return as :meth:`Worker.wait_at`."""
+        self._worker.machine.revive()
+        self.offsets_changed()
+        return self._worker.wait_at(pause)
 
     def offsets_changed(self) -> dict[str, dict[str, float]]:
         """Read the offsets again, and report them."""

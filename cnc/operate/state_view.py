@@ -28,6 +28,7 @@ class StateView:
         offsets: Offsets by name and axis, mm.
         system: Coordinate system of the work position.
         modes: Modes that the next entered line begins with.
+        paused: The question of the pause at which the operator uses the machine; "" for none.
     """
 
     def __init__(self, machine: Machine) -> None:
@@ -37,7 +38,7 @@ class StateView:
         self._machine = machine
         self._program = ""
         self._progress: Progress | None = None
-        self.system, self.modes = "G54", ""
+        self.system, self.modes, self.paused = "G54", "", ""
 
     def connected(self, board: str, machine: OperatedMachine) -> None:
         """Show a board."""
@@ -61,13 +62,15 @@ class StateView:
             readings.inputs.update(inputs)
         self.readings = readings
 
-    def begin(self, program: str) -> None:
-        """Show a program."""
+    def begin(self, program: str) -> tuple[str, Progress | None]:
+        """Show a program; return what was shown before, for :meth:`end`."""
+        before = self._program, self._progress
         self._program, self._progress = program, None
+        return before
 
-    def end(self) -> None:
-        """Show no program."""
-        self._program, self._progress = "", None
+    def end(self, before: tuple[str, Progress | None]) -> None:
+        """Show what was shown before a program."""
+        self._program, self._progress = before
 
     def progress(self, progress: Progress, readings: Readings) -> None:
         """Show the progress of a program."""
@@ -103,7 +106,9 @@ class StateView:
             chosen = Overrides(feed=reported[0], rapid=reported[1], spindle=reported[2])
         state = State(
             board=self.board,
-            state=_state(readings.state, activity),
+            state="held"
+            if self.paused and activity == "program"
+            else _state(readings.state, activity),
             activity=activity,
             machine=readings.position,
             work=self.work_position(self.system),
@@ -131,7 +136,7 @@ class StateView:
             left=progress.left,
             buffered=buffered,
             pending=progress.pending,
-            held=progress.hold_reason or ("hold request" if progress.held else ""),
+            held=self.paused or progress.hold_reason or ("hold request" if progress.held else ""),
         )
 
 

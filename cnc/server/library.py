@@ -7,8 +7,8 @@
     LIBRARY/.cncrun/part.nc.check.json     the summary of the last check
     LIBRARY/.cncrun/part.nc.path.json      its toolpath
 
-A name is a plain file name of a small set of characters. No path leaves the folder: a link to
-another place is no job.
+A name is any plain file name with the ending of a program. No path leaves the folder: a link to
+another place is no job. A file that is no job is left out, with the reason.
 """
 
 from __future__ import annotations
@@ -18,18 +18,23 @@ import json
 import os
 import re
 import tempfile
+import unicodedata
 from collections import deque
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
 from cnc.machine.height_map import HeightMap, load_height_map
-from cnc.model.diagnostics import Diagnostic, UsageError
+from cnc.model.diagnostics import Diagnostic, UsageError, printable
 from cnc.operate.events import Finding
 from cnc.report.models import Summary
+from cnc.session.checkpoint import Checkpoint
 
-NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._ -]{0,119}\.(?:nc|ngc|gcode|tap|cnc|txt)", re.ASCII)
+SUFFIXES = (".nc", ".ngc", ".gcode", ".tap", ".cnc", ".txt", ".h", ".mpf", ".spf", ".eia")
+MOST_BYTES = 220
+"""Longest name, so that those of the files about the job are possible as well."""
 DEVICE = re.compile(r"(?:con|prn|aux|nul|com\d|lpt\d)(?:\..*)?", re.IGNORECASE)
 """Names of devices on Windows."""
 MAP_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,79}", re.ASCII)
@@ -92,11 +97,23 @@ class Library:
 
     def names(self) -> list[str]:
         """Return the names of the jobs, sorted."""
-        names = []
+        return sorted(name for name, why in self._files() if not why)
+
+    def left_out(self) -> list[dict[str, str]]:
+        """Return the files of the folder that are no jobs: ``name``, and ``why`` each is not."""
+        return [
+            {"name": printable(name), "why": why}
+            for name, why in sorted(self._files())
+            if why and not name.startswith(".") and not name.endswith(".checkpoint")
+        ]
+
+    def _files(self) -> Iterator[tuple[str, str]]:
+        """Yield the name of each file, and why it is no job; empty for a job."""
         for entry in os.scandir(self.folder):
-            if NAME.fullmatch(entry.name) and entry.is_file(follow_symlinks=False):
-                names.append(entry.name)
-        return sorted(names)
+            if entry.is_symlink():
+                yield entry.name, "it is a link"
+            elif entry.is_file():
+                yield entry.name, fault_of_name(entry.name)
 
     def path(self, name: str) -> Path:
         """Return the file of a job.
@@ -231,6 +248,15 @@ class Library:
             for run in list(reversed(newest.values()))[:most]
         ]
 
+    def unfinished(self) -> dict[str, Any] | None:
+        """Return the latest run if the server was killed during it, with the line it reached."""
+        runs = self.history(1)
+        if not runs or runs[0]["outcome"] != "cut-off" or runs[0]["job"] not in self.names():
+            return None
+        last, _ = Checkpoint.read(str(self.folder / runs[0]["job"]))
+        line = 0 if last is None else last.line
+        return {"job": runs[0]["job"], "began": runs[0]["began"], "line": line}
+
     def log(self, name: str) -> str:
         """Return the log of the last run of a job, the end of a long one; empty without a run."""
         self.path(name)
@@ -251,11 +277,24 @@ class Library:
             raise UsageError(Diagnostic("can-not-write", message, hint=hint)) from error
 
 
+def fault_of_name(name: str) -> str:
+    """Return why a name cannot be that of a job; empty if it can."""
+    if any(letter in "/\\:" or unicodedata.category(letter) in ("Cc", "Cs") for letter in name):
+        return "it has a /, a \\, a : or a character that is no text"
+    if name.startswith(".") or DEVICE.fullmatch(name):
+        return "it begins with a dot, or is the name of a device"
+    if Path(name).suffix.lower() not in SUFFIXES:
+        return f"it ends in none of {', '.join(SUFFIXES)}"
+    if len(name.encode()) > MOST_BYTES:
+        return f"it is longer than {MOST_BYTES} bytes"
+    return ""
+
+
 def checked(name: str) -> str:
     """Return the name of a job; UsageError ``job-name`` if it is not allowed."""
-    if not NAME.fullmatch(name) or DEVICE.fullmatch(name) or ".." in name:
-        message = f"{name[:80]!r} cannot be the name of a job"
-        hint = "use letters, digits, . _ - and blanks, and an ending such as .nc"
+    if why := fault_of_name(name):
+        message = f"{name[:80]!r} cannot be the name of a job: {why}"
+        hint = "give it another name, with an ending such as .nc"
         raise UsageError(Diagnostic("job-name", message, hint=hint))
     return name
 

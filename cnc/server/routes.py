@@ -288,7 +288,10 @@ async def resume(console: Controlled) -> Accepted:
 @router.post("/stop")
 async def stop(console: Shared) -> Accepted:
     """Come to rest, and end the activity; every client may."""
-    await ask(console, OperatorSession.stop)
+    asked = console.session.ask(OperatorSession.stop)
+    # Without a board nothing moves, and the process of the session may be starting still.
+    if console.session.state.board:
+        await asyncio.wrap_future(asked)
     return Accepted()
 
 
@@ -456,6 +459,12 @@ def jobs(console: Shared) -> list[dict[str, Any]]:
     return found
 
 
+@router.get("/left-out")
+def left_out(console: Shared) -> list[dict[str, str]]:
+    """Return the files of the library that are no jobs, and why."""
+    return console.library.left_out()
+
+
 @router.put(
     "/jobs/{name}",
     openapi_extra={
@@ -609,6 +618,12 @@ async def run(name: str, body: RunJob, console: Controlled) -> Accepted:
 def log(name: str, console: Shared) -> LogText:
     """Return the log of the last run."""
     return LogText(text=console.library.log(name))
+
+
+@router.get("/unfinished")
+def unfinished(console: Shared) -> dict[str, Any] | None:
+    """Return the latest run if the server was killed during it; else null."""
+    return console.library.unfinished()
 
 
 @router.get("/history")

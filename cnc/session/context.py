@@ -24,6 +24,7 @@ from cnc.report.targets import STL_SUFFIXES, Output, check_suffixes, suffix_of
 from cnc.session.checkpoint import CheckpointWriter
 from cnc.session.options import Outputs, RunOptions
 from cnc.session.program_reader import ProgramReader
+from cnc.session.resume import PausePlace
 from cnc.session.run_pulses import Progress
 from cnc.view.writer import check_picture
 
@@ -121,6 +122,8 @@ class Observer:
         control: The operator's requests.
         last_line: The last source line with an effect, once the check pass has found it.
         checkpoint: The writer of the checkpoint file during a run on a machine.
+        pauses: Number of pauses of the program that the run has reached.
+        paused_at: Line of the last of them, 0 before the first.
     """
 
     def __init__(
@@ -130,6 +133,7 @@ class Observer:
         self.control = control
         self.last_line = 0
         self.checkpoint: CheckpointWriter | None = None
+        self.pauses = self.paused_at = 0
         self._selection = selection
         self._report = report
         self._requests = (control.held, control.feed_override, control.stopped)
@@ -171,6 +175,10 @@ class Observer:
             self.callbacks.on_progress("running", progress.line, self.last_line)
         if self.callbacks.on_sent is not None:
             self.callbacks.on_sent(progress)
+
+    def pause_at(self, block: Block) -> None:
+        """Note that the run comes to a pause for the operator."""
+        self.pauses, self.paused_at = self.pauses + 1, block.line
 
     def log_requests(self) -> None:
         """Log the operator's requests since the last call.
@@ -225,6 +233,7 @@ class SessionContext:
         files: The output files that are open.
         has_operator: Whether somebody can make requests.
         on_plan: Called with each chunk of the plan that the report describes.
+        after: The pause after which the run goes on; None for a run from the start or a line.
     """
 
     reader: ProgramReader
@@ -234,6 +243,12 @@ class SessionContext:
     files: OpenOutputs
     has_operator: bool
     on_plan: Callable[[PlanChunk], None] | None
+    after: PausePlace | None = None
+
+    @property
+    def first_line(self) -> int | None:
+        """The line that the run begins at or after; None for the start of the program."""
+        return self.options.from_line if self.after is None else self.after.line
 
     @property
     def needs_plan(self) -> bool:

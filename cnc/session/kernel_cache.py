@@ -56,6 +56,15 @@ def ensure_compiled(
             on_kernel(done, max(done + 1, total), label)
 
 
+def load_kernels(jobs: Iterable[str]) -> None:
+    """Load the kernels of some jobs into this process, compiled, so that no first motion waits."""
+    wanted = set(jobs)
+    ensure_compiled(None, None, wanted)
+    if compiling():
+        for job in wanted:
+            JOBS[job].example()
+
+
 def is_compiled(job: str) -> bool:
     """Return whether the kernels of a job are on disk, or kernels run as plain Python."""
     if not compiling():

@@ -39,12 +39,19 @@ from cnc.machine.models import Machine
 from cnc.model import parameter_numbers as numbers
 from cnc.model.blocks import AXIS_LETTERS, Block, BoardCommand
 from cnc.model.choices import DialectName
-from cnc.model.diagnostics import CncError, Diagnostic, UsageError, printable
+from cnc.model.diagnostics import CncError, Diagnostic, GcodeError, UsageError, printable
 from cnc.path.build import DueTimes
 from cnc.path.warp import Surface, Warp
 from cnc.planner.joints import Joints, ToolTipOf
 from cnc.report.result import WarpedBy
-from cnc.session.resume import RestartPoint, line_of_call, unanswered_line
+from cnc.session.checkpoint import file_hash
+from cnc.session.resume import (
+    PausePlace,
+    RestartPoint,
+    at_pause,
+    line_of_call,
+    unanswered_line,
+)
 
 # The file that a program is read from, and the source lines that messages show.
 
@@ -53,7 +60,9 @@ STANDARD_INPUT_NAME = "<stdin>"
 """Name of standard input in messages."""
 MDI_NAME = "MDI"
 """Name of a line that the operator has entered, in messages."""
-WITHOUT_FILE = (STANDARD_INPUT_NAME, MDI_NAME)
+TEXT_NAME = "<text>"
+"""Name of a text that is given in place of a file, in messages."""
+WITHOUT_FILE = (STANDARD_INPUT_NAME, MDI_NAME, TEXT_NAME)
 """Names of programs that have no file: no checkpoint, and no folder of subroutines."""
 COPIED_BYTES = 4_000_000
 """A longer file is copied before it is read, so that the checked program is the one that runs.
@@ -300,6 +309,8 @@ class ProgramReader:
     state: InterpreterState | None = None
     first_lines: AssumedReading | None = None
     due_times: DueTimes | None = None
+    _origin: Floats | None = None
+    """Position by which the program is read (axes,), mm; None for the start."""
 
     def blocks(
         self,
@@ -326,6 +337,7 @@ class ProgramReader:
             self.state,
             warn,
             on_line,
+            self._origin,
             mark_calls=self.restart is not None,
         )
         if self.restart is not None:
@@ -416,22 +428,86 @@ class ProgramReader:
         rules = self.rules() if dialect == "auto" else dialects.load(dialect)
         return self._interpreted(rules, text, self._saved_state(rules))
 
-    def begin_at(self, line: int | None) -> None:
-        """Begin at a source line, or at the first for None.
+    def begin_at(self, line: int | None, after: PausePlace | None = None) -> None:
+        """Begin at a source line, or at the first for None; or go on after a pause.
 
         Raises:
             UsageError, GcodeError: If the program cannot begin there.
         """
+        if after is not None:
+            self._go_on_after(after)
+            return
         if line is None:
             return
-        z = self.machine.axes.get("z")
-        top = None if z is None or z.travel is None else z.travel[1]
-        if self.ceiling is not None:
-            top = self.ceiling if top is None else min(top, self.ceiling)
-        laser = self.machine.kind == "laser"
-        restart = RestartPoint(line, self.name, self.machine.axis_names, top, laser=laser)
+        restart = self._restart_point(line, None)
         restart.check(self._marked_blocks, self.start)
         self.restart = restart
+
+    def _go_on_after(self, pause: PausePlace) -> None:
+        """Go on after a pause at which another run has ended.
+
+        An axis that the program has not moved before the pause is where it stands, but Z is not
+        lower than at the pause.
+
+        Raises:
+            GcodeError: ``from-line-unknown`` if the program has changed.
+        """
+        if file_hash(self.path) != pause.sha256:
+            message, hint = "the program has changed since its pause", "stop it, and start it again"
+            raise GcodeError(Diagnostic("from-line-unknown", message, self.name, hint=hint))
+        if pause.height is None and (z := self._column_of_z) is not None:
+            start = pause.start.copy()
+            start[z] = max(start[z], self.start[z])
+            pause = replace(pause, start=start)
+        self.restart = self._restart_point(pause.line, pause)
+        self._origin = pause.start
+
+    def place_of_pause(self, number: int, line: int) -> PausePlace:
+        """Return the place of the pause at which a run waits, so that another one goes on there.
+
+        Args:
+            number: Pauses that this run has reached.
+            line: Line of the pause.
+
+        Raises:
+            GcodeError: ``from-line-unknown`` if no run can go on there.
+        """
+        if self.restart is not None:
+            number += self.restart.pauses
+        state, z = self._saved_state(self.rules()), self._column_of_z
+        zeros = _zeros_in(state)
+        start = self.start if self._origin is None else self._origin
+        blocks = self._interpreted(
+            self.rules(), Text.of_file(self.path, self.name), state, start=start, mark_calls=True
+        )
+        skipped, block = at_pause(blocks, number, start, z)
+        if block.line != line:
+            message = f"the pause of line {line} is not the one that was reached"
+            raise GcodeError(Diagnostic("from-line-unknown", message, self.name, line))
+        height = None
+        if z is not None and skipped.touched[z]:
+            height, top = float(skipped.highest[z]), self._top_of_z
+            height = height if top is None else min(height, top)
+        changed = state[1].changed or _zeros_in(state) != zeros
+        return PausePlace(number, block.file, line, start, height, changed, file_hash(self.path))
+
+    def _restart_point(self, line: int, pause: PausePlace | None) -> RestartPoint:
+        names, laser = self.machine.axis_names, self.machine.kind == "laser"
+        return RestartPoint(line, self.name, names, self._top_of_z, laser=laser, pause=pause)
+
+    @property
+    def _column_of_z(self) -> int | None:
+        names = self.machine.axis_names
+        return names.index("z") if "z" in names else None
+
+    @property
+    def _top_of_z(self) -> float | None:
+        """Highest machine position of Z, mm; None if it is not known."""
+        z = self.machine.axes.get("z")
+        top = None if z is None or z.travel is None else z.travel[1]
+        if self.ceiling is None:
+            return top
+        return self.ceiling if top is None else min(top, self.ceiling)
 
     def line_to_continue_at(self, line: int) -> int:
         """Return the line of the main program at which a run that reached ``line`` can continue.
@@ -503,6 +579,17 @@ class ProgramReader:
             if isinstance(block, BoardCommand) and block.homes:
                 block.answer.values = self.homed
             yield block
+
+
+def _zeros_in(state: InterpreterState) -> dict[int, float]:
+    """Return the offsets of the coordinate systems by number."""
+    last = numbers.G54_1_ORIGIN + numbers.SYSTEM_STEP * numbers.MOST_G54_1_SYSTEMS
+    ranges = range(numbers.EXTERNAL_OFFSET, numbers.INPUT_VALUE), range(numbers.G54_1_ORIGIN, last)
+    return {
+        number: value
+        for number, value in state[0].values.items()
+        if number != numbers.CURRENT_SYSTEM and any(number in part for part in ranges)
+    }
 
 
 # The height map of a session: its file, the warp of each reading, and its use in the report.

@@ -127,6 +127,7 @@ class PulsePass:
         for item in planned:
             yield item
             if isinstance(item, Block) and (reason := pause_text(item, self._context.reader)):
+                self._context.observer.pause_at(item)
                 self._control.hold()
                 yield Held(item.file, item.line, reason)
 

@@ -24,10 +24,10 @@ from cnc.model.blocks import (
     Probe,
     Spindle,
     SpindleSync,
-    Stop,
     TipControl,
     Tool,
     WaitInput,
+    pause_reason,
 )
 from cnc.model.diagnostics import Diagnostic, GcodeError, UsageError
 from cnc.report.result import AssumedOffset, Report
@@ -46,18 +46,6 @@ from cnc.session.program_reader import ProgramReader
 
 _COMMENT = re.compile(r"\(([^()]*)\)|;(.*)")
 _KEYWORD = re.compile(r"\s*(?:MSG|PRINT|DEBUG|LOG)\s*,", re.IGNORECASE)
-
-
-def pause_reason(block: Block) -> str:
-    """Return why the machine waits for the operator at a block; empty if it does not wait.
-
-    The machine does not wait at M1, unless the user has turned the optional stop on.
-    """
-    if isinstance(block, Tool) and block.change:
-        return f"put in tool {block.number}"
-    if isinstance(block, Stop) and not block.optional:
-        return "change the pallet" if block.pallet else "the program stops here"
-    return ""
 
 
 def pause_text(block: Block, reader: ProgramReader) -> str:

@@ -14,6 +14,11 @@ On a machine with limit switches it stays below the switch of Z.
 
 Line N belongs to the main program, and its first execution counts, as in a loop. A call belongs to
 its line. A run cannot begin at a line of a subprogram: it would be unclear which call is meant.
+
+A run can also go on after a pause (M0, M6) at which the operator has moved the machine, set a zero
+or measured a tool. The same moves lead back to the place of the pause. The pause is the n-th one of
+the program, so it may lie in a loop or a subprogram, and the program is read from the position that
+it began with.
 """
 
 from __future__ import annotations
@@ -45,6 +50,7 @@ from cnc.model.blocks import (
     TipControl,
     Tool,
     WaitInput,
+    pause_reason,
 )
 from cnc.model.diagnostics import CncError, Diagnostic, GcodeError, UsageError
 from cnc.model.motion_commands import apart
@@ -114,6 +120,29 @@ SAME = 1e-6
 """Positions that differ by less are equal, mm."""
 
 
+@dataclass(frozen=True, slots=True)
+class PausePlace:
+    """A pause of a program at which a run has ended and another one goes on.
+
+    Attributes:
+        number: Pauses of the program up to this one, which is included.
+        file: The file of its line.
+        line: Its line.
+        start: Position before the program (axes,), by which it is read, mm.
+        height: Height from which X and Y move freely, mm; None without a move of Z before.
+        sets_zeros: Whether the program itself has set zeros or tool data before.
+        sha256: Hash of the text of the program.
+    """
+
+    number: int
+    file: str
+    line: int
+    start: Floats
+    height: float | None
+    sets_zeros: bool
+    sha256: str
+
+
 @dataclass(slots=True)
 class SkippedState:
     """State after the lines that are skipped.
@@ -128,6 +157,7 @@ class SkippedState:
         tool: Number of the tool.
         spindle: The last spindle block.
         coolant: The last coolant block.
+        pauses: Number of pauses for the operator.
         settings: Other blocks in effect, by kind and number.
     """
 
@@ -140,6 +170,7 @@ class SkippedState:
     tool: int | None = None
     spindle: Spindle | None = None
     coolant: Coolant | None = None
+    pauses: int = 0
     settings: dict[tuple[str, int], Block] = field(default_factory=dict)
 
     def note(self, block: Block) -> None:
@@ -148,6 +179,7 @@ class SkippedState:
         Raises:
             GcodeError: ``from-line-unknown`` if its outcome depends on a board.
         """
+        self.pauses += bool(pause_reason(block))
         if isinstance(block, Polyline):
             self._fed(block)
             self._moved(block.points[-1], block.points)
@@ -177,6 +209,20 @@ class SkippedState:
             message = f"the lines after this one depend on {kind} here, whose answer is not known"
             raise _refused(block, message, "begin at or before this line")
 
+    def refuse_coupled(self, file: str, line: int) -> None:
+        """Raise GcodeError if the motion at a line depends on more than the position."""
+        sync = self.settings.get(("SpindleSync", 0))
+        control = self.settings.get(("TipControl", 0))
+        if isinstance(sync, SpindleSync) and sync.pitch:
+            message, hint = "the motion follows the spindle", "begin before the thread"
+        elif isinstance(control, TipControl) and control.offset is not None:
+            message = "tool-tip control is on"
+            hint = "begin at the line that switches it on, or before"
+        else:
+            return
+        message = f"at line {line} {message}"
+        raise GcodeError(Diagnostic("from-line-unknown", message, file, line, hint=hint))
+
     def _moved(self, end: Floats, points: Floats) -> None:
         self.touched |= (np.abs(points - self.position) > SAME).any(axis=0)
         self.highest = np.maximum(self.highest, points.max(axis=0))
@@ -202,6 +248,31 @@ def _refused(block: Block, message: str, hint: str) -> GcodeError:
     return GcodeError(Diagnostic("from-line-unknown", message, block.file, block.line, hint=hint))
 
 
+def at_pause(
+    blocks: Iterable[Block], number: int, start: Floats, z: int | None
+) -> tuple[SkippedState, Block]:
+    """Return the state at the n-th pause of a program, and the block of the pause.
+
+    Args:
+        blocks: Blocks of the program.
+        number: n, from 1.
+        start: Position before the program (axes,), mm.
+        z: Column of the Z axis, None without one.
+
+    Raises:
+        GcodeError: ``from-line-unknown`` if a run cannot go on from there.
+    """
+    state = SkippedState.at(start, z)
+    for block in apart(blocks):
+        if not isinstance(block, CallBoundary):
+            state.note(block)
+            if state.pauses == number:
+                state.refuse_coupled(block.file, block.line)
+                return state, block
+    message = f"the program has no {number} pauses"
+    raise GcodeError(Diagnostic("from-line-unknown", message, hint="stop it, and start it again"))
+
+
 class RestartPoint:
     """The line to begin at, and the moves that lead to it.
 
@@ -211,10 +282,12 @@ class RestartPoint:
         axes: Letters of the axes, in the order of the columns.
         top: Highest machine coordinate of the Z axis, mm; None if it is not known.
         laser: The spindle is a laser, which has no power before line N.
+        pause: The pause after which the run goes on, in place of line N.
 
     Attributes:
         steps: The steps to the line, in words, after the program has been read that far.
         approach: The places of these steps (axes,), mm, the start position first.
+        pauses: Pauses of the program that are skipped.
     """
 
     def __init__(
@@ -225,6 +298,7 @@ class RestartPoint:
         top: float | None,
         *,
         laser: bool = False,
+        pause: PausePlace | None = None,
     ) -> None:
         if line < 1:
             message = f"there is no line {line}"
@@ -233,6 +307,9 @@ class RestartPoint:
         self.file = file
         self.steps: tuple[str, ...] = ()
         self.approach: list[Floats] = []
+        self.pauses = 0
+        self._pause = pause
+        self._last_pause = ("", 0)
         self._unnamed = np.zeros(len(axes), np.bool_)
         self._letters = tuple(axis.upper() for axis in axes)
         self._z = axes.index("z") if "z" in axes else None
@@ -289,9 +366,17 @@ class RestartPoint:
 
     def passed(self, blocks: Iterable[Block], start: Floats) -> Iterator[Block]:
         """Yield the blocks to carry out: the moves to line N, then the program from there."""
-        state = SkippedState.at(start, self._z)
+        pause = self._pause
+        state = SkippedState.at(start if pause is None else pause.start, self._z)
         rest = self._rest(blocks, state)
         first = next(rest, None)
+        self.pauses = state.pauses
+        if pause is not None and (state.pauses, self._last_pause) != (
+            pause.number,
+            (pause.file, pause.line),
+        ):
+            message = "the program has no longer its pause at this line"
+            raise self._unknown(message, "stop it, and start it again")
         if first is None:
             return
         feed = next(
@@ -311,12 +396,17 @@ class RestartPoint:
             if begun:
                 yield block
                 continue
-            if call:
+            if self._pause is not None:
+                passed = state.pauses >= self._pause.number
+                before, after = (None, block) if passed else (block, None)
+            elif call:
                 before, after = (block, None) if call < self.line else (None, block)
             else:
                 before, after = self._split(block)
             if before is not None:
                 state.note(before)
+                if pause_reason(before):
+                    self._last_pause = before.file, before.line
             if after is not None and not isinstance(after, End):
                 begun = True
                 yield after
@@ -349,18 +439,12 @@ class RestartPoint:
         """Yield the blocks from the present position to the begin of line N; see the drawing."""
         target, z, top = state.position, self._z, self._top
         self.approach = [np.array(start, np.float64)]
-        steps = [f"from line {self.line}, in machine coordinates:"]
-        moved = bool(state.touched.any())
-        sync = state.settings.pop(("SpindleSync", 0), None)
-        if isinstance(sync, SpindleSync) and sync.pitch:
-            message = f"at line {self.line} the motion follows the spindle"
-            hint = "begin before the thread"
-            raise GcodeError(Diagnostic("from-line-unknown", message, self.file, line, hint=hint))
-        control = state.settings.pop(("TipControl", 0), None)
-        if isinstance(control, TipControl) and control.offset is not None:
-            message = f"at line {self.line} tool-tip control is on"
-            hint = "begin at the line that switches it on, or before"
-            raise GcodeError(Diagnostic("from-line-unknown", message, self.file, line, hint=hint))
+        where = f"from line {self.line}" if self._pause is None else f"after line {self.line}"
+        steps = [f"{where}, in machine coordinates:"]
+        moved = self._pause is not None or bool(state.touched.any())
+        state.refuse_coupled(self.file, self.line)
+        for coupling in ("SpindleSync", "TipControl"):
+            state.settings.pop((coupling, 0), None)
         across = target.copy()
         if z is not None and moved:
             height = max(min(float(state.highest[z]), top), float(start[z]), float(target[z]))
@@ -382,14 +466,16 @@ class RestartPoint:
             steps.append(f"stay at {kept}: no line before gives a place there")
         yield from self._restore(state, line, steps)
         if z is not None and across[z] > target[z] + SAME:
-            if math.isnan(feed):
+            # Where no feed was programmed, the program itself has come here by traverses.
+            if math.isnan(feed) and self._pause is None:
                 message = f"no feed for the plunge is known at line {self.line}"
                 hint = "begin at an earlier line that has F"
                 raise GcodeError(
                     Diagnostic("from-line-unknown", message, self.file, line, hint=hint)
                 )
             yield self._straight(target, feed, line)
-            steps.append(f"go down to Z{target[z]:.3f} with F{per_minute(feed):g}")
+            speed = "" if math.isnan(feed) else f" with F{per_minute(feed):g}"
+            steps.append(f"go down to Z{target[z]:.3f}{speed}")
         spindle = state.spindle
         if self._laser and spindle is not None and spindle.state != "off":
             yield replace(spindle, line=line, with_motion=True)

@@ -25,9 +25,20 @@ from cnc.grbl_lines.path_samples import MARGIN
 from cnc.grbl_lines.translator import ARC_TOLERANCE, JUNCTION_DEVIATION, Translator
 from cnc.grbl_lines.writer import LoweredFeeds
 from cnc.machine.models import Machine
-from cnc.model.blocks import Abort, Block, BoardCommand, End, Probe, Stop, Tool
+from cnc.model.blocks import (
+    Abort,
+    Block,
+    BoardCommand,
+    End,
+    Probe,
+    Spindle,
+    Stop,
+    Tool,
+    pause_reason,
+)
 from cnc.model.diagnostics import BoardError, Diagnostic
 from cnc.model.line_effects import MOTIONS, LineKind
+from cnc.model.motion_commands import places_of
 from cnc.model.operator_control import Control
 from cnc.model.streams import GcodeLine, PackedLines
 from cnc.model.units import per_minute
@@ -37,7 +48,7 @@ from cnc.report.result import Extremes
 from cnc.session.context import SessionContext
 from cnc.session.pipeline import PlannedMotion
 from cnc.session.position_check import offset_lines
-from cnc.session.required_capabilities import pause_reason, pause_text
+from cnc.session.required_capabilities import pause_text
 from cnc.session.run_pulses import Progress, abort
 
 # Execution of a path on a line board, as lines that are sent as fast as the board accepts them.
@@ -445,6 +456,8 @@ def board_timing(board: LineSink, machine: Machine) -> BoardTime:
     return BoardTime(limits, start)
 
 
+HIGHEST_SPEED = 30
+"""Number of the GRBL setting of the highest spindle speed."""
 KEPT_BYTES = 192_000_000
 """Limit on the lines that are kept before the first is sent: about two million of them."""
 
@@ -477,6 +490,7 @@ class LinePass:
         self._warn, self._depends_on_answers = warn, depends_on_answers
         self._lowered = LoweredFeeds()
         self._tool: Tool | None = None
+        self._speed = Spindle("", 0, "off", 0.0)
         self._skipped: list[Block] = []
 
     def run(self, before_motion: Callable[[], None]) -> None:
@@ -488,6 +502,7 @@ class LinePass:
         report.largest, report.limits = self._largest(), self._limits()
         self._warn(self._lowered.findings())
         self._warn(self._unused_tool_change())
+        self._warn(self._lowered_speed())
         self._warn(self._skipped_pauses())
         countdown = Countdown(self.timing)
         present = PresentLine(context.reader.path, report.program)
@@ -514,7 +529,7 @@ class LinePass:
         on_progress(Progress(0.0, 0, 0))
         try:
             outcome = stream(
-                present.steps(self._steps() if kept is None else kept),
+                present.steps(self._counted(self._steps() if kept is None else kept)),
                 board,
                 control=control,
                 on_progress=on_progress,
@@ -541,6 +556,13 @@ class LinePass:
         self._lowered = translator.lowered
         yield from steps(map(self._noted, path), translator, on_lines)
 
+    def _counted(self, program: Iterable[Step]) -> Iterator[Step]:
+        """Yield the steps of a program; count its pauses."""
+        for step in program:
+            if step.block is not None and pause_reason(step.block):
+                self._context.observer.pause_at(step.block)
+            yield step
+
     def _without_pauses(self, path: Iterable[PathChunk | Block]) -> Iterator[PathChunk | Block]:
         """Yield a path without its pauses, which are kept."""
         self._skipped = []
@@ -562,10 +584,30 @@ class LinePass:
             )
 
     def _noted(self, item: PathChunk | Block) -> PathChunk | Block:
-        """Return an item of the path; the first tool change is kept."""
+        """Return an item of the path; its first tool change, and its highest speed, are kept."""
         if self._tool is None and isinstance(item, Tool) and item.change:
             self._tool = item
+        if isinstance(item, PathChunk):
+            commands = item.commands
+            blocks = [block for k in places_of(commands) for block in commands[k]]  # type: ignore[index]
+        else:
+            blocks = [item]
+        for block in blocks:
+            if isinstance(block, Spindle) and block.rpm > self._speed.rpm:
+                self._speed = block
         return item
+
+    def _lowered_speed(self) -> Iterator[Diagnostic]:
+        """Yield a warning if the board lowers a spindle speed to its own highest one."""
+        speed, most = self._speed, self._board.settings.get(HIGHEST_SPEED, math.inf)
+        if speed.rpm > most > 0.0:
+            message = (
+                f"S{speed.rpm:g} is above the highest speed of the board, which takes S{most:g}"
+            )
+            hint = f"program S{most:g} at most, or correct ${HIGHEST_SPEED} of the board"
+            yield Diagnostic(
+                "speed-above-board", message, speed.file, speed.line, hint=hint, severity="warning"
+            )
 
     def _unused_tool_change(self) -> Iterator[Diagnostic]:
         """Yield a warning if the board has a tool change of its own, which is not used."""

@@ -119,6 +119,9 @@ def _part(chunk: PulseChunk, rows: slice) -> PulseChunk:
 REST = 1e-9
 """Speed below which the end of a chunk is at rest, mm/s."""
 
+REPORT_PERIOD = 0.05
+"""Time between two reports while a board comes to rest in a hold, s."""
+
 ARRIVED = 1e-9
 """Distance from the end of a path that rounding may leave, mm."""
 
@@ -281,6 +284,11 @@ class _Run:
             self.board.execute(replace(beam, state="off", rpm=0.0), now_ns)
         self.board.execute(block, now_ns)
         self._report(held=True, reason=block.reason)
+        while (state := self.board.motion_state) is not None and state.ahead > 0.0:
+            # The board still plays the motion before the hold.
+            if control is None or not control.wait(REPORT_PERIOD):
+                break
+            self._report(held=True, reason=block.reason)
         if control is not None:
             control.wait()
         if beam is not None and not (control is not None and control.stopped):

@@ -74,6 +74,7 @@ from cnc.session.required_capabilities import (
     reading_policy,
     refuse_lines,
 )
+from cnc.session.resume import PausePlace
 from cnc.stock.stl import write_stl
 
 # Records of a run on a machine: its checkpoint, and the position check of a GRBL board.
@@ -97,7 +98,7 @@ class RunRecord:
     def read_checkpoint(self) -> None:
         """Read the checkpoint of the last run of this program, and warn if it matters."""
         context, capabilities = self._context, self._capabilities
-        reader, report, line = context.reader, context.report, context.options.from_line
+        reader, report, line = context.reader, context.report, context.first_line
         if not capabilities.real or report.program in WITHOUT_FILE:
             return
         self._hash = file_hash(reader.path)
@@ -114,7 +115,8 @@ class RunRecord:
             # A run that was killed has written the line itself, which may lie in a subprogram.
             last = last.model_copy(update={"line": self._line_to_continue_at(last.line)})
         warning = _checkpoint_warning(last, line, unchanged=unchanged)
-        if warning is not None:
+        # The operator of a run that goes on after a pause has seen where it stopped.
+        if warning is not None and context.after is None:
             context.observer.warn(warning)
 
     def check_position(self, board: LineSink) -> None:
@@ -123,12 +125,12 @@ class RunRecord:
         Raises:
             BoardError: ``position-lost`` if the machine is not where the last run ended.
         """
-        reader, options = self._context.reader, self._context.options
+        context, reader = self._context, self._context.reader
         self._position_check = PositionCheck(
-            board, reader.machine, self._last_run, trusted=options.trust_position
+            board, reader.machine, self._last_run, trusted=context.options.trust_position
         )
-        # Lines that --from-line skips do not home the machine.
-        self._position_check.check(() if options.from_line is not None else reader.blocks())
+        # Lines that are skipped do not home the machine.
+        self._position_check.check(() if context.first_line is not None else reader.blocks())
 
     def begin(self, board: PulseSink | LineSink) -> None:
         """Begin the records of this run; the machine is about to move."""
@@ -147,7 +149,7 @@ class RunRecord:
                 machine=machine.name,
                 board=capabilities.board,
                 # The lines before were done by an earlier run.
-                line=context.options.from_line or 0,
+                line=context.first_line or 0,
             )
             context.observer.checkpoint = CheckpointWriter(first, machine.of_joints.axis_names)
 
@@ -263,9 +265,12 @@ class Session:
         callbacks: Functions that follow the session.
         control: The operator's requests; None if there is no operator.
         on_plan: Called with each chunk of the plan that the report describes.
+        after: The pause after which to go on (:meth:`place_of_pause`); None to begin as the
+            options say.
 
     Attributes:
         report: Filled as the session proceeds.
+        moved: Whether the motion has begun.
 
     Raises:
         UsageError: ``output-format`` for an unknown suffix, or if another option is wrong.
@@ -280,6 +285,7 @@ class Session:
         callbacks: Callbacks | None = None,
         control: Control | None = None,
         on_plan: Callable[[PlanChunk], None] | None = None,
+        after: PausePlace | None = None,
     ) -> None:
         options = options or RunOptions()
         check_outputs(options.outputs)
@@ -312,8 +318,16 @@ class Session:
         if options.height_map is not None:
             reader.warp = ProgramWarp(options.height_map, machine)
         self._context = SessionContext(
-            reader, self.report, observer, options, OpenOutputs(), control is not None, on_plan
+            reader,
+            self.report,
+            observer,
+            options,
+            OpenOutputs(),
+            control is not None,
+            on_plan,
+            after,
         )
+        self.moved = False
         self._kernels = KernelNeeds(self._context)
 
     def read_from(self, path: Path) -> None:
@@ -329,13 +343,25 @@ class Session:
         context = self._context
         if context.options.tool_lengths is not None:
             context.reader.policy = reading_policy(context.options, context.reader.machine, None)
-        return context.reader.blocks()
+        with readable_file(self._program) as context.reader.path:
+            yield from context.reader.blocks()
 
     @property
     def parameters(self) -> Mapping[int, float]:
         """Parameters by number with locals, as the latest reading of the program leaves them."""
         state = self._context.reader.state
         return {} if state is None else state[0].locals | state[0].values
+
+    def place_of_pause(self) -> PausePlace:
+        """Return the place of the pause at which the run waits.
+
+        Any thread may call it during the run. The program is read up to there.
+
+        Raises:
+            GcodeError: ``from-line-unknown`` if no run can go on there.
+        """
+        observer = self._context.observer
+        return self._context.reader.place_of_pause(observer.pauses, observer.paused_at)
 
     def run(self, board: Board | None = None, board_name: str | None = None) -> Report:
         """Check the program, then plan it and send it to the board, if there is one.
@@ -408,7 +434,7 @@ class Session:
         homes = lines is not None and context.options.home and not lines.check_only
         if lines is not None and not homes:
             record.check_position(lines)
-        reader.begin_at(context.options.from_line)
+        reader.begin_at(context.options.from_line, context.after)
         check, kept = self._check_pass(capabilities, for_lines=lines is not None)
         context.observer.checking(report.lines)
         if reader.warp is not None:
@@ -554,6 +580,7 @@ class Session:
 
             home_pulse_board(self._context, board)
         record.begin(board)
+        self.moved = True
         log.info("motion begins")
 
     def _confirm_restart(self) -> None:

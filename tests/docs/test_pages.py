@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import re
 import subprocess
+import textwrap
 from pathlib import Path
 
 import pytest
 import yaml
 
+from cnc.api import check, from_text
 from docs import dialect_tables
 from tests.support.paths import ROOT
 
@@ -92,3 +94,27 @@ def test_the_tables_tell_what_the_dialects_mean() -> None:
     assert rows["time of G4"]["siemens"] == "F (s), S (turns)"
     assert rows["motion after G80"]["linuxcnc"] == ""
     assert "| M42 | haas | high gear |" in dialect_tables.page()
+
+
+def test_the_programs_that_the_first_page_names_exist() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    names = set(re.findall(r"programs/[\w./-]+\.nc", text))
+    assert "programs/part.nc" in names
+    assert [name for name in sorted(names) if not (ROOT / name).is_file()] == []
+
+
+def test_the_errors_of_the_first_page_and_of_the_tutorial_are_those_of_the_command() -> None:
+    page = (ROOT / "README.md").read_text(encoding="utf-8")
+    part = (ROOT / "programs/part.nc").read_text(encoding="utf-8")
+    (fault,) = check(from_text(part.replace("G1 Y50", "G1 Y350"))).faults[:1]
+    shown = fault.diagnostic
+    assert f"part.nc:{shown.line}:{shown.column}: {shown.code}: {shown.message}" in page
+    tutorial = (ROOT / "docs/tutorial/first-part.md").read_text(encoding="utf-8")
+    text = re.search(r"Write `first.nc`:\n\n((?:    .*\n)+)", tutorial)
+    change = re.search(r"Change `(.*?)` to `(.*?)` and check again", tutorial)
+    assert text is not None
+    assert change is not None
+    program = textwrap.dedent(text[1])
+    assert check(from_text(program)).ok
+    wrong = check(from_text(program.replace(change[1], change[2]))).faults[0].diagnostic
+    assert (wrong.code, wrong.line, wrong.column) == ("soft-limit", 8, 4)

@@ -376,3 +376,21 @@ def test_a_line_board_that_only_runs_programs_is_not_operated(monkeypatch):
             session.connect("grbl-sim").result(PATIENCE)
         assert session.state.board == ""
     assert caught.value.diagnostic.code == "no-operation"
+
+
+@pytest.mark.parametrize("value", [1e300, -1e6])
+def test_a_zero_beyond_any_machine_is_refused_and_the_board_stays(any_operator, value):
+    before = any_operator.offsets
+    with pytest.raises(UsageError, match="zero-value"):
+        any_operator.zero({"x": value}).result(PATIENCE)
+    assert any_operator.offsets == before
+    assert any_operator.state.board
+
+
+def test_the_kernels_of_a_jog_are_loaded_with_the_connection(pulse_machine, monkeypatch):
+    """A board that plays the first jog does not wait for them."""
+    loaded = []
+    monkeypatch.setattr("cnc.operate.machines.load_kernels", loaded.append)
+    with OperatorSession(pulse_machine) as session:
+        session.connect("loopback").result(PATIENCE)
+    assert [set(jobs) >= {"paths", "planning", "pulses"} for jobs in loaded] == [True]

@@ -83,6 +83,17 @@ def test_the_machine_rests_on_the_path_without_its_server(server, simulator, ter
     try:
         (run,) = again("GET", "history")
         assert (run["job"], run["outcome"]) == ("long.nc", "cut-off")
+        # A client is told at once, with the line that was reached.
+        last = again("GET", "unfinished")
+        assert last["job"] == "long.nc"
+        reached = simulator.position[0] / STEP + 2
+        assert 4.0 / STEP < last["line"] <= reached + 1
+        # A whole run ends this.
+        again("PUT", "jobs/short.nc", {"text": "G21 G90\nG0 X1\nM2\n"})
+        again("POST", "connect", {"board": "grbl-sim"})
+        again("POST", "jobs/short.nc/run", {"trust_position": True})
+        wait_until(lambda: again("GET", "history")[0]["outcome"] == "done")
+        assert again("GET", "unfinished") is None
     finally:
         again.close()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -69,3 +70,18 @@ def test_a_damaged_summary_is_none(library: Library, text: str) -> None:
     (library.folder / "a.nc").write_text("M2\n")
     library.own("a.nc", "check.json").write_text(text)
     assert library.summary("a.nc") is None
+
+
+def test_files_that_are_no_jobs_are_named_with_the_reason(library: Library) -> None:
+    for name in ("a.nc", "a.nc.checkpoint", "notes.pdf", "con.nc", "x" * 240 + ".nc", ".hidden.nc"):
+        (library.folder / name).write_text("M2\n")
+    os.close(os.open(bytes(library.folder) + b"/b\xff.nc", os.O_CREAT))
+    (library.folder / "link.nc").symlink_to("a.nc")
+    assert library.names() == ["a.nc"]
+    found = {each["name"]: each["why"] for each in library.left_out()}
+    assert len(found) == 5
+    assert found["notes.pdf"].startswith("it ends in none of .nc")
+    assert found["link.nc"] == "it is a link"
+    assert found["con.nc"].endswith("the name of a device")
+    assert json.dumps(list(found)).isascii()
+    assert "".join(found).encode()

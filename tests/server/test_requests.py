@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import time
+from concurrent.futures import Future
 from pathlib import Path
+from urllib.parse import quote
 
 import pytest
 
@@ -211,3 +213,34 @@ def test_the_document_describes_every_request(client):
         short = path.removeprefix("/api")
         assert short in reference, path
     assert json.dumps(paths)
+
+
+NAMES = [
+    "O0001.NC",
+    "part (1).nc",
+    "Geh\u00e4use.nc",
+    "\U0001f6e0\ufe0f.nc",
+    "a..nc",
+    "#1 % & ?.tap",
+    "x.H",
+]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_any_plain_name_is_a_job(controller, console, name):
+    """The requests, too, take each name, whatever its letters mean in an address."""
+    place = f"/api/jobs/{quote(name, safe='')}"
+    assert controller("PUT", place, {"text": "G21 G90\nG0 X1\nM2\n"}).status_code == 200
+    assert name in [job["name"] for job in controller("GET", "/api/jobs").json()]
+    assert (console.library.folder / name).is_file()
+    assert controller("POST", f"{place}/check").status_code == 200
+    wait_until(lambda: controller("GET", f"{place}/check").status_code == 200)
+    assert controller("DELETE", place).status_code == 200
+    assert name not in console.library.names()
+
+
+def test_a_stop_without_a_board_waits_for_nothing(client, console, monkeypatch):
+    """The process of the session may be starting still."""
+    monkeypatch.setattr(console.session._worker.view, "board", "")
+    monkeypatch.setattr(console.session, "ask", lambda *_, **__: Future())
+    assert client("POST", "/api/stop").json() == {"accepted": True}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -165,9 +166,7 @@ def test_a_body_without_a_length_is_cut_at_the_limit(client, library, monkeypatc
         ".nc",
         "a.nc\0",
         "con.nc",
-        "a..nc",
         "x" * 300 + ".nc",
-        "ä.nc",
         "a.nc\n",
         "a%00.nc",
     ],
@@ -197,6 +196,7 @@ def test_an_accepted_name_is_one_plain_file(name):
     assert accepted == name
     assert not set(name) & set("/\\:\0\n")
     assert not name.startswith(".")
+    assert Path(name).name == name
 
 
 def test_a_link_to_a_file_elsewhere_is_no_job(client, library, tmp_path):

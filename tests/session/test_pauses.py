@@ -171,3 +171,15 @@ def test_an_open_door_is_called_a_door(tmp_path: Path) -> None:
         "the safety door is open: close it, then resume",
         "the safety door was opened; it is closed now: resume",
     ]
+
+
+@pytest.mark.parametrize(("most", "expected"), [(1000.0, [(3, "speed-above-board")]), (2000.0, [])])
+def test_a_speed_that_the_board_lowers_is_a_warning(
+    most: float, expected: list[tuple[int, str]], tmp_path: Path
+) -> None:
+    box = GrblSimulator(settings={30: most})
+    text = "G21 G90\nM3 S900\nS1500\nG1 X1 F600\nM2\n"
+    warnings: list[Diagnostic] = []
+    pauses_of(tmp_path, text, box=box, warnings=warnings)
+    found = [(each.line, each.code) for each in warnings if each.code == "speed-above-board"]
+    assert found == expected

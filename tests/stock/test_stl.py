@@ -72,3 +72,17 @@ def test_a_fine_grid_is_written_with_fewer_triangles(part, tmp_path, monkeypatch
     assert write(part, file) < 1100 < 3532  # with two cells to a corner
     _, corners = read(file)
     assert corners[..., 2].min() == -3.0
+
+
+def test_flat_places_take_few_triangles_and_the_same_volume(tmp_path):
+    material = Material(STOCK, 0.02)
+    # A face at Z0 with a rectangular pocket down to Z-2, along the cells.
+    material.heights[:] = 0.0
+    material.heights[100:200, 50:150] = -2.0
+    file = tmp_path / "part.stl"
+    assert write(material, file) < 300
+    _, corners = read(file)
+    volume = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6
+    # The walls lean between the centres of two cells, so the pocket is 2 mm wide and long.
+    wide = 100 * 0.02
+    assert volume == pytest.approx(8.0 * 6.0 * 3.0 - wide * wide * 2.0, rel=1e-3)

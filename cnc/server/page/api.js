@@ -14,6 +14,10 @@ export function emit(event) {
   for (const listener of listeners.get(event.event) ?? []) listener(event);
 }
 
+/** Return a name with visible escapes in place of letters that change the order of others, or show nothing. */
+export const visible = text => text.replace(/[\p{Cc}\p{Cf}\p{Co}\p{Cn}]/gu,
+  letter => letter === "\u200d" ? letter : `\\u{${letter.codePointAt(0).toString(16)}}`);
+
 /** A refused request: a finding of the server. */
 export class Refused extends Error {
   constructor(finding) {

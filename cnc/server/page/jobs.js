@@ -1,9 +1,9 @@
 // Jobs: library, upload, check with findings, program text, run.
 
-import {attempt, get, on, post, put, remove} from "./api.js";
+import {attempt, get, on, post, put, remove, visible} from "./api.js";
 import {askYes} from "./asking.js";
 import * as heights from "./heights.js";
-import {say, worded} from "./machine.js";
+import {needs, say, worded} from "./machine.js";
 import * as picture from "./picture.js";
 
 const element = id => document.getElementById(id);
@@ -11,6 +11,7 @@ const WINDOW = 500;  // lines that are fetched at a time
 const ROW = 19;      // px, height of a line of text
 const TALLEST = 8e6; // px; browsers end an element of more than 17 million
 
+let uploading = false;  // the list then opens no job of its own, which would empty the fields again
 let job = null, total = 0, now = 0, windows = new Map(), found = new Map();
 
 export async function begin() {
@@ -27,7 +28,7 @@ export async function begin() {
   element("run").addEventListener("click", run);
   element("remove").addEventListener("click", () => {
     const mine = job;
-    if (mine !== null) askYes(`Remove ${mine} from the library?`, "Remove").then(yes => { if (yes) attempt(() => remove(`jobs/${encodeURIComponent(mine)}`)); });
+    if (mine !== null) askYes(`Remove ${visible(mine)} from the library?`, "Remove").then(yes => { if (yes) attempt(() => remove(`jobs/${encodeURIComponent(mine)}`)); });
   });
   element("text").addEventListener("scroll", showText);
   on("jobs", () => attempt(list));
@@ -51,15 +52,41 @@ export async function begin() {
     showText();
   });
   await list();
+  // A run that the end of the server has cut off is told at once, and again with the board.
+  await showUnfinished();
+  let board = "";
+  on("state", event => {
+    if (event.board && event.board !== board && event.activity === "none") attempt(showUnfinished);
+    board = event.board;
+  });
+}
+
+/** Tell of the last run if the server was killed during it, and offer the line at which it can go on. */
+async function showUnfinished() {
+  const last = await get("unfinished");
+  if (last === null) return;
+  if (job !== last.job) {
+    element("jobs").value = last.job;
+    await open(last.job);
+  }
+  const where = last.line ? `at line ${last.line}` : "before its first line was done";
+  say(`the server ended during the last run: ${visible(last.job)} was cut off ${where}\n` +
+    "see where the tool stands, home the machine, and check the zero; " +
+    (last.line ? `\u201cFrom line\u201d ${last.line} is filled in to go on there` : "then run it again"));
+  if (last.line) element("from-line").value = last.line;
 }
 
 const path = (rest = "") => `jobs/${encodeURIComponent(job)}${rest}`;
 
 async function list() {
   const jobs = await get("jobs"), select = element("jobs");
-  select.replaceChildren(...jobs.map(({name, outcome}) => new Option(outcome ? `${name} (${outcome})` : name, name)));
-  if (!jobs.some(({name}) => name === job)) await open(jobs[0]?.name ?? null);
+  select.replaceChildren(...jobs.map(({name, outcome}) => new Option(outcome ? `${visible(name)} (${outcome})` : visible(name), name)));
+  const others = await get("left-out"), most = 5;
+  element("left-out").textContent = others.length === 0 ? "" : `Not in the list: ${others.slice(0, most).map(({name, why}) => `${visible(name)} (${why})`).join("; ")}${
+    others.length > most ? `; and ${others.length - most} more files` : ""}`;
+  if (!uploading && !jobs.some(({name}) => name === job)) await open(jobs[0]?.name ?? null);
   select.value = job ?? "";
+  needs();
 }
 
 async function open(name) {
@@ -90,12 +117,13 @@ async function upload(event) {
   event.target.value = "";
   if (!file) return;
   const text = await file.text();
+  uploading = true;
   await attempt(async () => {
     await put(`jobs/${encodeURIComponent(file.name)}`, {text});
     await list();
-    element("jobs").value = file.name;
+    job = element("jobs").value = file.name;
     await open(file.name);
-  });
+  }).finally(() => { uploading = false; });
 }
 
 async function check() {
@@ -113,7 +141,7 @@ async function showCheck(given) {
     : `refused: ${errors} errors`;
   showFindings(summary.errors);
   showLimits(summary);
-  if (summary.ok) await picture.show(await get(path("/toolpath")), mine);
+  if (summary.ok) await picture.show(await get(path("/toolpath")), mine, {seconds: summary.duration_s});
 }
 
 /** Show what a simulated cut found, and the part. */
@@ -187,7 +215,7 @@ async function run() {
 
 function ended({program, outcome, seconds, stopped_at_line: stopped, resume_line: resume, findings}) {
   const errors = findings.filter(({severity}) => severity === "error");
-  let text = `${program}: ${outcome} after ${time(seconds)}`;
+  let text = `${visible(program)}: ${outcome} after ${time(seconds)}`;
   if (stopped) text += `, stopped at line ${stopped}`;
   if (resume) text += `; it can go on from line ${resume}`;
   // After a whole run, the next one begins at the first line.

@@ -2,6 +2,7 @@
 
 import {attempt, get, giveControl, inControl, on, post, takeControl, tell} from "./api.js";
 import {askNumber} from "./asking.js";
+import {explain, showNeeds} from "./needs.js";
 
 const element = id => document.getElementById(id);
 const STEPS = [["continuous", 0], ["0.01", 0.01], ["0.1", 0.1], ["1", 1], ["10", 10], ["50", 50]];
@@ -15,7 +16,7 @@ const KEEP = 60;  // ms between two signs of life of a jog
 
 export let machine = {axes: {}};
 export let state = {state: "disconnected", machine: {}, work: {}};
-let step = 0, jog = null, offsets = {};
+let step = 0, jog = null, offsets = {}, isOpen = false;
 
 /** Return a number with three decimals and a true minus sign. */
 export const shown = value => value === undefined || value === null ? "–" : value.toFixed(3).replace("-", "\u2212");
@@ -25,8 +26,11 @@ export function say(text, {isNote = false} = {}) {
   const place = element("message");
   place.hidden = !text;
   place.className = isNote ? "note" : "";
-  place.textContent = worded(text);
+  element("message-text").textContent = worded(text);
 }
+
+/** Show what can work now. */
+export const needs = () => showNeeds({isOpen, mine: inControl(), state});
 
 /** Return a text of the server in the words of the page instead of the command line's. */
 export const worded = text => text.replace(/--from-line (\d+)/g, "\u201cFrom line\u201d $1").replace(/--trust-position/g, "\u201ctrust the position\u201d")
@@ -43,18 +47,19 @@ export async function begin() {
   makeJog();
   makeKeys();
   buttons();
+  explain(say);
   on("hello", event => {
     offsets = event.offsets;
     showHolder(event.holder);
     showState(event.state);
     if (event.dialog) ask(event.dialog);
-    else element("question").close();
+    else closeQuestion();
   });
   on("state", showState);
   on("control", event => showHolder(event.holder));
   on("offsets", event => { offsets = event.offsets; });
   on("dialog", ask);
-  on("dialog-closed", event => { if (String(event.id) === element("question").dataset.id) element("question").close(); });
+  on("dialog-closed", event => { if (String(event.id) === element("question").dataset.id) closeQuestion(); });
   on("alarm", ({finding}) => say([finding.line ? `line ${finding.line}: ${finding.message}` : finding.message, finding.hint].filter(Boolean).join("\n")));
   on("notice", ({finding}) => say([finding.message, finding.hint].filter(Boolean).join("\n"), {isNote: true}));
   on("link", ({open}) => {
@@ -62,8 +67,11 @@ export async function begin() {
       jog = null;
       say("the connection to the server is lost; trying again");
       element("state").textContent = "no server";
-    } else say("");
+    } else if (!isOpen) say("");
+    isOpen = open;
+    needs();
   });
+  needs();
 }
 
 function makeReadout() {
@@ -90,9 +98,10 @@ function makeReadout() {
   }
 }
 
-function button(text, label, action) {
+function button(text, label, action, needed = "link control board free") {
   const made = document.createElement("button");
   made.type = "button";
+  made.dataset.needs = needed;
   made.textContent = text;
   made.setAttribute("aria-label", label);
   made.title = label;
@@ -119,7 +128,7 @@ function makeJog() {
     }
     const directions = Object.fromEntries(parts.flatMap((each, k) => k % 2 ? [] : [[each, parts[k + 1]]]));
     const text = Object.entries(directions).map(([letter, sign]) => ARROWS[letter + sign]).join("\n");
-    const made = button(text, `Jog ${text.replace("\n", " ").replaceAll("−", "minus").replaceAll("+", "plus")}`, () => {});
+    const made = button(text, `Jog ${text.replace("\n", " ").replaceAll("−", "minus").replaceAll("+", "plus")}`, () => {}, "link control board free unlocked homed");
     made.addEventListener("pointerdown", event => {
       made.setPointerCapture(event.pointerId);
       made.classList.add("down");
@@ -184,7 +193,7 @@ function makeKeys() {
   const typing = target => target.closest("input, select, textarea, [tabindex], dialog") !== null;
   const pressed = target => target.closest("button, summary, a") !== null;  // The space bar is theirs.
   addEventListener("keydown", event => {
-    if (event.key === "Escape" && !document.querySelector("dialog[open]")) {
+    if (event.key === "Escape" && !document.querySelector("dialog:modal")) {
       tell({stop: true});
       post("stop").catch(() => {});
       return;
@@ -200,6 +209,8 @@ function makeKeys() {
     } else if (event.key === "?") element("key-map").showModal();
   });
   addEventListener("keyup", event => { if (KEY_MAP.some(([name]) => name === event.key)) release(); });
+  element("unhomed").addEventListener("change", needs);
+  element("dismiss").addEventListener("click", () => say(""));
   element("keys").addEventListener("click", () => element("key-map").showModal());
   element("close-keys").addEventListener("click", () => element("key-map").close());
   addEventListener("gamepadconnected", () => requestAnimationFrame(readPad));
@@ -240,6 +251,7 @@ function buttons() {
     attempt(() => isOpen ? post("disconnect") : post("connect", {board: element("board").value, port: element("port").value || null}));
   });
   element("take").addEventListener("click", () => attempt(() => inControl() ? giveControl() : takeControl()));
+  element("question-take").addEventListener("click", () => attempt(takeControl));
   element("zero-all").addEventListener("click", () => zero(Object.fromEntries(["x", "y"].filter(each => each in machine.axes).map(each => [each, 0]))));
   element("home").addEventListener("click", () => attempt(() => post("home", {axes: []})));
   element("unlock").addEventListener("click", () => attempt(() => post("unlock")));
@@ -255,18 +267,11 @@ function buttons() {
   }
   element("rapid-override").addEventListener("change", event => attempt(() => post("override", {rapid: Number(event.target.value)})));
   element("yes").addEventListener("click", () => attempt(() => post("answer", {dialog: Number(element("question").dataset.id), yes: true})));
-  // The dialog covers STOP, and a client that watches may stop, too.
   element("no").addEventListener("click", stop);
-  element("question").addEventListener("cancel", event => event.preventDefault());
   // A dialog covers the button, not its effect: a press where STOP stands stops.
   for (const place of document.querySelectorAll("dialog")) place.addEventListener("pointerdown", event => {
     const {left, right, top, bottom} = element("stop").getBoundingClientRect();
     if (event.target === place && event.clientX >= left && event.clientX <= right && event.clientY >= top && event.clientY <= bottom) stop();
-  });
-  element("question").addEventListener("keydown", event => {
-    if (event.key !== "Escape") return;
-    event.preventDefault();
-    stop();
   });
 }
 
@@ -276,24 +281,39 @@ function stop() {
   attempt(() => post("stop"));
 }
 
+const HELP = {
+  tool: "You may jog, set a zero and probe before you go on. The spindle stops then, and the program goes on from here with the new zero.",
+  stop: "You may jog, set a zero and probe before you go on. The spindle stops then, and the program goes on from here with the new zero.",
+};
+
+/** Ask the operator. The page stays usable: what the answer needs is never under the question. */
 function ask(dialog) {
   const place = element("question");
   place.dataset.id = dialog.id;
   place.dataset.kind = dialog.kind;
   element("question-text").textContent = worded(dialog.text);
+  element("question-help").textContent = HELP[dialog.kind] ?? "";
   element("question-steps").replaceChildren(...dialog.steps.map(each => Object.assign(document.createElement("li"), {textContent: worded(each)})));
   // The text has the focus: a key that was meant for something else must not confirm.
-  if (!place.open) place.showModal();
+  if (!place.open) place.show();
+  needs();
   // The moves to the line are drawn: the picture is to be seen beside the question.
   if (dialog.kind !== "restart") return;
   document.querySelector('nav button[data-part="picture"]').click();
-  element("space").scrollIntoView({block: "start"});
+  element("space").scrollIntoView({block: "end"});
+}
+
+function closeQuestion() {
+  element("question").close();
+  needs();
 }
 
 function showHolder(holder) {
   const mine = inControl();
-  element("holder").textContent = mine ? "you have control" : holder ? `${holder} has control; you watch` : "nobody has control";
+  element("holder").textContent = mine ? "you have control" : holder ? `${holder} has control; you watch` : "nobody has control; you watch";
   element("take").textContent = mine ? "Give control up" : "Take control";
+  element("question-take").hidden = mine;
+  needs();
 }
 
 const seconds = value => {
@@ -325,7 +345,11 @@ function showState(event) {
   write(element("left"), seconds(event.left));
   write(element("modes"), event.modes || "defaults of a program");
   write(element("buffer"), event.buffered ?? "–");
-  write(element("connect"), event.state === "disconnected" ? "Connect" : "Disconnect");
+  write(element("connect"), event.board ? "Disconnect" : "Connect");
+  // Another client may have connected another board than the one that is chosen here.
+  element("board").disabled = element("port").disabled = event.board !== "";
+  if (event.board) element("board").value = event.board;
+  needs();
   for (const name of ["feed", "spindle"]) if (document.activeElement !== element(`${name}-override`)) {
     element(`${name}-override`).value = event.overrides[name];
     write(element(`${name}-percent`), `${Math.round(event.overrides[name])} %`);

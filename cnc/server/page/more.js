@@ -1,7 +1,7 @@
 // MDI, console, probing, macros, settings of the board, history.
 
-import {attempt, get, on, post, put} from "./api.js";
-import {say} from "./machine.js";
+import {attempt, get, on, post, put, visible} from "./api.js";
+import {needs, say} from "./machine.js";
 
 const element = id => document.getElementById(id);
 const KEPT = 2000;  // lines of the console
@@ -32,6 +32,7 @@ export function begin() {
     showCycles(await get("probing"));
     showMacros(await get("macros"));
     await showEntered();
+    needs();
   });
 }
 
@@ -64,6 +65,7 @@ function showCycles(cycles) {
       form.append(field);
     }
     run.type = "submit";
+    run.dataset.needs = "link control board free unlocked";
     run.textContent = `Run ${cycle.name}`;
     form.append(run);
     form.addEventListener("submit", event => {
@@ -78,6 +80,7 @@ function showCycles(cycles) {
 function showMacros(names) {
   element("macros").replaceChildren(...names.map(name => {
     const made = Object.assign(document.createElement("button"), {type: "button", textContent: name});
+    made.dataset.needs = "link control board idle";
     made.addEventListener("click", () => attempt(() => post(`macros/${encodeURIComponent(name)}/run`)));
     return made;
   }));
@@ -126,7 +129,7 @@ async function showHistory() {
   body.replaceChildren();
   for (const {job, began, outcome, seconds, findings} of runs) {
     const row = body.insertRow(), when = typeof began === "number" ? new Date(began * 1000) : new Date(began);
-    for (const text of [when.toLocaleString(), job, outcome, `${seconds.toFixed(1)} s`]) row.insertCell().textContent = text;
+    for (const text of [when.toLocaleString(), visible(job), outcome, `${seconds.toFixed(1)} s`]) row.insertCell().textContent = text;
     row.cells[2].title = (findings ?? []).map(({message}) => message).join("\n");
     const cell = row.insertCell();
     // The library keeps the log of the last run of each job.

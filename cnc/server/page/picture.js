@@ -63,7 +63,7 @@ export function restart() {
 }
 
 /** Show the toolpath of a job. */
-export async function show(found, name, {isWhole = true} = {}) {
+export async function show(found, name, {isWhole = true, seconds = null} = {}) {
   const stored = new Map(Object.entries(found.columns).map(([key, text]) => [`column-${key}`, text]));
   packages = {has: id => stored.has(id), take: id => stored.get(id)};  // eslint-disable-line no-global-assign
   const loaded = await load(found.about), {about, strokes} = loaded, {origin} = strokes;
@@ -75,10 +75,14 @@ export async function show(found, name, {isWhole = true} = {}) {
   model.reach = Math.max(model.size, ...boxes.map(box => Math.hypot(...box.map(([low, high], k) => Math.max(Math.abs(low - origin[k]), Math.abs(high - origin[k]))))));
   scene = new Scene(element("space"), model, [...edges(about.travel, origin, "travel"), ...edges(about.stock, origin, "stock")]);
   if (!scene.gl) element("picture-note").textContent = "The path needs WebGL 2, which this browser does not have.";
-  else element("picture-note").textContent = about.facts;
+  else element("picture-note").textContent = about.facts + (isOther(seconds, about.duration)
+    ? `. This is the plan of cncrun; the board plans by itself and takes ${seconds.toFixed(1)} s.` : "");
   unseen = true;
   redraw();
 }
+
+/** Return whether the time of the board differs from that of the plan in the picture. */
+const isOther = (seconds, planned) => seconds !== null && planned > 0 && Math.abs(seconds - planned) > Math.max(0.01 * planned, 0.05);
 
 /** Show the part that a simulated cut leaves. */
 export async function showPart(found, name) {
@@ -151,7 +155,7 @@ function tool([x, y, z]) {
   return new Float32Array(out);
 }
 
-/** Planned and reported speed over time: each column of pixels shows the greatest planned speed in it. */
+/** Planned and reported speed over time: each column of pixels shows the least and the greatest speed in it, of both alike. */
 function chart() {
   const canvas = element("chart"), dpr = devicePixelRatio, w = canvas.clientWidth, h = canvas.clientHeight, pen = canvas.getContext("2d");
   if (!w) return;
@@ -162,7 +166,7 @@ function chart() {
   pen.fillStyle = shade("faint");
   if (model === null) return;
   const {curves, about} = model, end = about.duration || 1, width = w - LEFT - 6, height = h - TOP - BOTTOM;
-  const values = curves.exact ? curves.start[0] : curves.high[0], n = values.length;
+  const values = curves.exact ? curves.start[0] : curves.high[0], least = curves.exact ? values : curves.low[0], n = values.length;
   let most = 1e-6;
   for (let i = 0; i < n; i++) most = Math.max(most, values[i]);
   for (const [, value] of reports) most = Math.max(most, value);
@@ -171,21 +175,31 @@ function chart() {
   pen.fillText(most.toPrecision(3), LEFT - 4, TOP + 9);
   pen.fillText("0", LEFT - 4, TOP + height);
   pen.fillText(`${end.toPrecision(4)} s`, w - 6, h - 3);
-  pen.strokeStyle = shade("planned");
-  pen.lineWidth = 1.3;
-  pen.beginPath();
+  const plan = [], told = [], column = t => Math.min(Math.floor((t / end) * width), Math.ceil(width) - 1);
   let i = 0;
   for (let pixel = 0; pixel < width; pixel++) {
     const until = end * (pixel + 1) / width, last = Math.min(upTo(curves.t, until), n);
-    let top = planned(until);
-    for (; i < last; i++) if (curves.t[i] > until - end / width) top = Math.max(top, values[i]);
-    pen.lineTo(LEFT + pixel, y(top));
+    const ends = [planned(end * pixel / width), planned(until)], band = [Math.min(...ends), Math.max(...ends)];
+    for (; i < last; i++) if (curves.t[i] > until - end / width) widen(band, least[i], values[i]);
+    plan.push([pixel, ...band]);
   }
-  pen.stroke();
-  pen.strokeStyle = shade("reported");
-  pen.beginPath();
-  for (const [t, value] of reports) pen.lineTo(x(t), y(value));
-  pen.stroke();
+  for (const [t, value] of reports) {
+    const at = column(t), band = told.at(-1)?.[0] === at ? told.at(-1) : null;
+    if (band === null) told.push([at, value, value]);
+    else [band[1], band[2]] = [Math.min(band[1], value), Math.max(band[2], value)];
+  }
+  for (const [bands, name] of [[plan, "planned"], [told, "reported"]]) {
+    pen.strokeStyle = pen.fillStyle = shade(name);
+    pen.lineWidth = 1.3;
+    pen.beginPath();
+    for (const [pixel, , high] of bands) pen.lineTo(LEFT + pixel, y(high));
+    for (const [pixel, low] of bands.toReversed()) pen.lineTo(LEFT + pixel, y(low));
+    pen.closePath();
+    pen.stroke();
+    pen.globalAlpha = 0.25;
+    pen.fill();
+    pen.globalAlpha = 1;
+  }
   if (runs()) {
     pen.strokeStyle = shade("ink");
     pen.beginPath();
@@ -193,6 +207,12 @@ function chart() {
     pen.lineTo(x(state.run_time), TOP + height);
     pen.stroke();
   }
+}
+
+/** Widen a band by the least and the greatest value of a row. */
+function widen(band, low, high) {
+  band[0] = Math.min(band[0], low);
+  band[1] = Math.max(band[1], high);
 }
 
 /** Return the planned speed at a time, mm/s. */

@@ -25,7 +25,7 @@ def connect(page, port):
 def enter(page, line):
     """Run a line, and wait for its end."""
     # The message of an earlier line must not count.
-    page.evaluate("document.getElementById('message').textContent = ''")
+    page.evaluate("document.getElementById('message-text').textContent = ''")
     page.fill("#mdi", line)
     page.press("#mdi", "Enter")
     expect(page.locator("#message")).to_contain_text("MDI: done")

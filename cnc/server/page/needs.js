@@ -1,0 +1,51 @@
+// What each control of the page needs. One that cannot work now is marked, and says why when it is pressed.
+//
+//   <button data-needs="control board idle">   the first need that is not met is the reason
+
+const element = id => document.getElementById(id);
+const PAUSES = ["tool", "stop"];
+const MOVING = ["running", "jogging", "homing"];
+
+/** Return whether a program waits at M0 or M6, where the machine may be used by hand. */
+const isPaused = () => element("question").open && PAUSES.includes(element("question").dataset.kind);
+const busy = ({activity}) => `the machine is busy (${activity}): wait for its end, or press STOP`;
+
+/** By name: whether the need is met, and the reason where it is not. */
+const NEEDS = {
+  link: [({isOpen}) => isOpen, () => "the server does not answer: wait for the connection, or use the emergency stop"],
+  control: [({mine}) => mine, () => "you watch: press Take control first"],
+  board: [({state}) => state.state !== "disconnected", () => "no board is connected: connect it first"],
+  idle: [({state}) => state.activity === "none", ({state}) => busy(state)],
+  free: [({state}) => ["none", "jog"].includes(state.activity) || isPaused(), ({state}) => busy(state)],
+  homed: [({state}) => element("unhomed").checked || Object.values(state.homed).every(Boolean),
+    () => "the machine is not homed: press Home, or tick \u201cJog although the machine is not homed\u201d"],
+  unlocked: [({state}) => state.state !== "alarm", () => "the board is locked: home it, or press Unlock"],
+  motion: [({state}) => MOVING.includes(state.state), () => "nothing moves that could be held"],
+  held: [({state}) => state.held !== "" || ["held", "door"].includes(state.state), () => "nothing is held"],
+  job: [() => element("jobs").value !== "", () => "the library is empty: upload a program first"],
+};
+
+/** Mark each control that cannot work now. */
+export function showNeeds(situation) {
+  for (const place of document.querySelectorAll("[data-needs]")) {
+    const missing = place.dataset.needs.split(" ").find(name => !NEEDS[name][0](situation));
+    const why = missing ? NEEDS[missing][1](situation) : "";
+    if ((place.dataset.why ?? "") === why) continue;
+    place.dataset.why = why;
+    place.title = why || (place.getAttribute("aria-label") ?? "");
+    if (why) place.setAttribute("aria-disabled", "true");
+    else place.removeAttribute("aria-disabled");
+  }
+}
+
+/** Let a marked control say why it does not work, in place of its action. */
+export function explain(say) {
+  const stopped = event => {
+    const place = event.target.closest?.("[aria-disabled=true]");
+    if (!place || event.type === "keydown" && event.key !== "Enter" && event.key !== " ") return;
+    event.preventDefault();
+    event.stopImmediatePropagation();
+    if (event.type !== "pointerdown") say(place.dataset.why);
+  };
+  for (const kind of ["pointerdown", "click", "keydown", "submit"]) document.addEventListener(kind, stopped, true);
+}
