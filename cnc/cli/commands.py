@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
-from cyclopts import App, CycloptsError, Parameter
+from cyclopts import App, CycloptsError, Group, Parameter
 from cyclopts.argument import ArgumentCollection
 
 import cnc
@@ -105,19 +105,19 @@ app = Application(
 )
 
 ProgramOption = Annotated[str, output("The program (- is standard input).")]
-app.command(settings)
-app.command(boards)
-app.command(home)
-app.command(jog)
-app.command(unlock)
-app.command(zero)
-app.command(mdi)
-app.command(height_map)
-app.command(serve)
+LOOK, RUN, SET_UP, WRITE, DEVELOP = (
+    Group.create_ordered(name) for name in ("Look", "Run", "Set up", "Write", "Develop")
+)
+for flag in ("--help", "--version"):
+    app[flag].group = (DEVELOP,)
+for command in (home, jog, zero, mdi, unlock, serve):
+    app.command(command, group=RUN)
+for command in (boards, settings, height_map):
+    app.command(command, group=SET_UP)
 COMMON, BOARD, CHECK = CommonOptions(), BoardOptions(), CheckOptions()
 
 
-@app.command
+@app.command(group=RUN)
 def run(
     program: ProgramOption,
     /,
@@ -163,7 +163,7 @@ def run(
     return checking.finish(report, common)
 
 
-@app.command
+@app.command(group=LOOK)
 def check(
     *programs: Annotated[
         str, Parameter(help="Programs, folders of programs, and patterns such as 'parts/**/*.nc'.")
@@ -198,7 +198,7 @@ def check(
     return checking.check_programs(names, common, options, format, baseline, fail_on)
 
 
-@app.command
+@app.command(group=LOOK)
 def diff(
     first: ProgramOption,
     second: Annotated[str, output("The program to compare with it.")],
@@ -229,7 +229,7 @@ def diff(
     return checking.compare_programs((first, second), machine, dialect, json, quiet=terminal.quiet)
 
 
-@app.command
+@app.command(group=LOOK)
 def view(
     program: ProgramOption,
     /,
@@ -259,7 +259,7 @@ def view(
     return checking.finish(report, common, output)
 
 
-@app.command
+@app.command(group=DEVELOP)
 def papers(
     folder: Annotated[Path, Parameter(help="Folder for the page and its figures.")] = Path(
         "papers"
@@ -290,7 +290,7 @@ def papers(
     return 0
 
 
-@app.command
+@app.command(group=SET_UP)
 def tools(
     program: Annotated[str, output("The program (- is standard input).")],
     /,
@@ -313,7 +313,7 @@ def tools(
     return 0
 
 
-@app.command(name="format")
+@app.command(name="format", group=WRITE)
 def format_programs(
     *programs: Annotated[
         str, Parameter(help="Programs, folders of programs, and patterns such as 'parts/**/*.nc'.")
@@ -333,9 +333,10 @@ def format_programs(
     ] = None,
     terminal: TerminalOptions = TERMINAL,
 ) -> int:
-    """Write programs in one form: blanks, capitals, numbers, the order of words.
+    """Write programs in one form: blanks, capitals, numbers, words.
 
-    Comments stay. The program is read in both forms: its blocks are the same to the bit.
+    Comments stay. Words are put in order. The program is read in both forms: its blocks are the
+    same to the bit.
     """
     terminal.open_log(machine, *programs)
     load_library()
@@ -347,7 +348,7 @@ def format_programs(
     )
 
 
-@app.command
+@app.command(group=LOOK)
 def config(program: ProgramOption, /) -> int:
     """Show what holds for a program by its project file, and why.
 
@@ -360,7 +361,7 @@ def config(program: ProgramOption, /) -> int:
     return 0
 
 
-@app.command
+@app.command(group=SET_UP)
 def warm(*, quiet: Annotated[bool, option("Print nothing but errors.")] = False) -> int:
     """Compile all kernels now, for an image or a CI job.
 
@@ -381,7 +382,7 @@ def _compile(*, quiet: bool) -> None:
         ensure_compiled(callbacks.on_compiling, callbacks.on_kernel)
 
 
-@app.command
+@app.command(group=DEVELOP)
 def schema(
     document: Annotated[
         Literal["machine", "project", "summary", "checkpoint", "height-map"],
@@ -442,6 +443,8 @@ def _drop_output() -> None:
 
 def _carry_out(arguments: Sequence[str]) -> int:
     OperatorSignals.moved = False
+    if not arguments:
+        _carry_out(["--help"])
     asks = not {"--help", "-h"}.isdisjoint(arguments)
     Application.collections = {} if asks else None
     if not arguments or arguments[0] not in set(app):
