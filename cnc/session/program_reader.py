@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from cnc.gcode import dialects
 from cnc.gcode.core.call_stack import Limits
+from cnc.gcode.core.line_trace import LineTrace
 from cnc.gcode.core.modal_groups import STRICT, ReadingPolicy
 from cnc.gcode.core.program import ProgramOptions, interpret
 from cnc.gcode.core.tool_table import ToolTable
@@ -344,6 +345,15 @@ class ProgramReader:
         text, state = Text.of_file(self.path, self.name), self._saved_state(rules)
         return self._interpreted(rules, text, state, mark_tool_offsets=True)
 
+    def traced_blocks(
+        self, trace: LineTrace, warn: Callable[[Diagnostic], None] | None = None
+    ) -> Iterator[Block]:
+        """Yield the canonical blocks of the whole program with a mark behind each line."""
+        rules = self.rules()
+        self.state = self._saved_state(rules)
+        text = Text.of_file(self.path, self.name)
+        return self._interpreted(rules, text, self.state, warn, trace=trace)
+
     def rules(self) -> dialects.Dialect:
         """Return the dialect of the program; under ``auto`` the one that is recognised.
 
@@ -460,6 +470,7 @@ class ProgramReader:
         *,
         mark_calls: bool = False,
         mark_tool_offsets: bool = False,
+        trace: LineTrace | None = None,
     ) -> Iterator[Block]:
         program = self.machine.program
         file = None if self.name in WITHOUT_FILE else Path(self.name)
@@ -488,6 +499,7 @@ class ProgramReader:
                     if axis.wrap is not None
                 },
                 tool_tip=ToolTipOf.machine(self.machine),
+                trace=trace,
             ),
         )
         return blocks if self.homed is None else self._with_homed_position(blocks)

@@ -1,0 +1,248 @@
+"""Conversion of a program: written, read back, compared, and written anew where it differs."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from cnc.convert.curves import Curves, FitTo
+from cnc.convert.proof import SAME, Differs, distance, made_up_offsets
+from cnc.convert.target import Target, TargetName
+from cnc.convert.writer import Notes, Writer, Written
+from cnc.gcode import dialects
+from cnc.gcode.core.line_trace import LineTrace
+from cnc.machine.models import Machine
+from cnc.model.blocks import Block
+from cnc.model.choices import DialectName
+from cnc.model.diagnostics import CncError, Diagnostic, GcodeError, UsageError, shown_name
+from cnc.session.options import RunOptions
+from cnc.session.program_reader import (
+    ProgramReader,
+    SavedState,
+    display_name,
+    readable_file,
+    start_position,
+    with_source_lines,
+)
+from cnc.session.required_capabilities import reading_policy
+
+MOST_TRIALS = 40
+"""Trials after which a program is refused."""
+OPTIONS = RunOptions(tool_lengths="zero")
+
+
+@dataclass(frozen=True)
+class Converted:
+    """A program of another control.
+
+    Attributes:
+        text: The program.
+        source: Dialect of the program that was read.
+        target: Dialect that it is written in.
+        lines: Number of its lines.
+        distance: Largest distance of moves from those of the program, mm.
+        of_curves: Largest distance of curves written within the tolerance, mm.
+        notes: What was kept, expanded, assumed.
+    """
+
+    text: bytes
+    source: str
+    target: str
+    lines: int
+    distance: float
+    of_curves: float
+    notes: Notes
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the report for other programs."""
+        return {
+            "source": self.source,
+            "target": self.target,
+            "lines": self.lines,
+            "kept": self.notes.kept,
+            "expanded": self.notes.expanded,
+            "distance_mm": self.distance,
+            "curve_distance_mm": self.of_curves,
+            "remarks": [
+                {"kind": kind, "text": text, "lines": lines}
+                for (kind, text), lines in self.notes.remarks.items()
+            ],
+        }
+
+    def summary(self) -> Iterator[str]:
+        """Yield the report as lines of text."""
+        notes = self.notes
+        yield f"{self.source} -> {self.target}: {notes.kept} lines kept, {notes.expanded} expanded"
+        for (kind, text), lines in notes.remarks.items():
+            shown = ", ".join(map(str, lines[:3])) + (", ..." if len(lines) > 3 else "")
+            yield f"{kind}: {text} (line{'s' if len(lines) > 1 else ''} {shown})"
+        yield f"read back: at most {1000.0 * self.distance:.3g} um from the program"
+        if self.of_curves:
+            yield f"curves: at most {1000.0 * self.of_curves:.3g} um from the program"
+
+
+def convert(
+    program: str,
+    machine: Machine,
+    dialect: DialectName | None,
+    to: TargetName,
+    *,
+    tolerance: float = 0.01,
+    curves: Curves = "lines",
+) -> Converted:
+    """Return a program of another control, proved to move the machine alike.
+
+    Args:
+        program: The file; ``-`` is standard input.
+        machine: The machine that both programs are for.
+        dialect: How to read it; None for the machine file's choice.
+        to: The control to write it for.
+        tolerance: Largest distance of curves that are written anew, mm.
+        curves: How short moves are written.
+
+    Raises:
+        UsageError: The file cannot be read.
+        CncError: A fault of the program; ``convert-cannot`` for what the control does not have;
+            ``convert-differs`` if no text of the same motion was found.
+    """
+    if machine.kind == "lathe":
+        hint = "convert programs of mills, lasers and routers"
+        message = "programs of lathes are not converted yet"
+        raise UsageError(Diagnostic("convert-lathe", message, hint=hint))
+    name = display_name(program)
+    with readable_file(program) as path:
+        try:
+            return _Conversion(name, path, machine, dialect, to, FitTo(tolerance, curves)).run()
+        except CncError as error:
+            raise with_source_lines([error], {name: path})[0] from None
+
+
+class _Conversion:
+    """The trials of one conversion."""
+
+    def __init__(
+        self,
+        name: str,
+        path: Path,
+        machine: Machine,
+        dialect: DialectName | None,
+        to: TargetName,
+        fit: FitTo,
+    ) -> None:
+        self._name, self._path, self._machine, self._fit = name, path, machine, fit
+        self._dialect: DialectName = dialect or machine.program.dialect
+        self._start = start_position(machine)
+        source = self._reader(path, self._dialect).rules()
+        self._target = Target(dialects.load(to), source)
+        self._to = to
+
+    def _reader(self, path: Path, dialect: DialectName) -> ProgramReader:
+        machine = self._machine
+        return ProgramReader(
+            self._name,
+            path,
+            machine,
+            dialect,
+            self._start,
+            SavedState(machine),
+            lambda _: None,
+            reading_policy(OPTIONS, machine, None),
+        )
+
+    def run(self) -> Converted:
+        """Write and prove until both programs are the same."""
+        for _ in range(MOST_TRIALS):
+            writer = Writer(self._target, self._machine.axis_names, self._start, self._fit)
+            reader = self._reader(self._path, self._dialect)
+            writer.take(reader.traced_blocks(LineTrace(writer.bulk)))
+            text = writer.text()
+            try:
+                kept, of_curves = self._proved(writer, text)
+            except Differs as difference:
+                self._take_back(writer, difference.line, difference.source, difference.what)
+                continue
+            except GcodeError as error:
+                self._take_back(writer, error.diagnostic.line, 0, error.diagnostic.message)
+                continue
+            if of_curves > self._fit.tolerance:
+                raise self._differs(0, f"curves are {of_curves:.4g} mm apart")
+            return Converted(
+                text, self._target.source.name, self._to, text.count(b"\n"), kept, of_curves,
+                writer.notes,
+            )  # fmt: skip
+        raise self._differs(0, "no text was found that moves the machine alike")
+
+    def _proved(self, writer: Writer, text: bytes) -> tuple[float, float]:
+        """Return the largest distances of moves and curves; raise if both programs differ."""
+        offsets = made_up_offsets(writer.systems, self._target.source.systems)
+        with tempfile.NamedTemporaryFile(suffix=".nc") as file:
+            file.write(text)
+            file.flush()
+            readers = (
+                self._reader(self._path, self._dialect),
+                self._reader(Path(file.name), self._to),
+            )
+            blocks: list[Iterator[Block]] = []
+            for reader, values in zip(readers, offsets, strict=True):
+                reader.saved.adopt(values)
+                blocks.append(reader.blocks())
+            return distance(
+                *blocks, self._start, self._machine.axis_names, writer.regions, self._target
+            )
+
+    def _take_back(self, writer: Writer, line: int, source: int, what: str) -> None:
+        """Let the lines around one of the result be written anew in the next trial.
+
+        Raises:
+            CncError: ``convert-differs`` if they were.
+        """
+        written = _at(writer.written, line)
+        target = self._target
+        if written is None or written.form is None or line == 0:
+            before = _kept_before(writer.written, line)
+            if before is not None and before.form not in (None, ()) and line:
+                target.refused.add(before.form)  # type: ignore[arg-type]
+                return
+            if target.takes_runs:
+                target.takes_runs = False
+                return
+            raise self._differs(source or (0 if written is None else written.line), what)
+        if written.form == ():
+            if not target.takes_runs:
+                raise self._differs(written.line, what)
+            target.takes_runs = False
+        elif written.is_open and target.compensates:
+            target.compensates = False
+        elif written.form in target.refused:
+            raise self._differs(written.line, what)
+        else:
+            target.refused.add(written.form)
+
+    def _differs(self, line: int, what: str) -> CncError:
+        message = f"{shown_name(self._name)} is not written for {self._to}: {what}"
+        hint = "write this line in another way"
+        return CncError(Diagnostic("convert-differs", message, self._name, line, hint=hint))
+
+
+def _at(written: list[Written], line: int) -> Written | None:
+    """Return the entry of a line of the result."""
+    entry = None
+    for candidate in written:
+        if candidate.begin > line:
+            break
+        entry = candidate
+    return entry
+
+
+def _kept_before(written: list[Written], line: int) -> Written | None:
+    """Return the last entry before a line of the result that was kept."""
+    entry = None
+    for candidate in written:
+        if candidate.begin > line:
+            break
+        if candidate.form:
+            entry = candidate
+    return entry

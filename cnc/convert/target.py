@@ -1,0 +1,207 @@
+"""The control that a program is written for: codes with the same meaning, and its spelling."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from typing import Literal, get_args
+
+from cnc.gcode.core.modal_groups import GROUP_OF_G, GROUP_OF_M
+from cnc.gcode.dialects import Dialect
+from cnc.gcode.reader.statements import Statement
+from cnc.gcode.reader.words import G, Word
+
+TargetName = Literal["grbl", "linuxcnc", "fanuc", "haas", "siemens", "mach3", "marlin"]
+"""The controls for which programs are written."""
+TARGETS: tuple[TargetName, ...] = get_args(TargetName)
+
+# Codes that mean the same in every dialect that has them. The proof compares the motion; this table
+# is about what no block shows: a stored position, a memory of the control, an operator's action.
+
+_SHARED_G = frozenset(
+    G(round(10 * code))
+    for code in (
+        0, 1, 2, 3, 17, 18, 19, 20, 21, 40, 53, 54, 55, 56, 57, 58, 59, 59.1, 59.2, 59.3, 61.1, 64,
+        80, 90, 90.1, 91, 91.1, 92, 93, 94, 96, 97, 98, 99,
+    )
+)  # fmt: skip
+_CYCLES = frozenset(G(10 * code) for code in (73, 81, 82, 83, 85, 86, 89))
+_WITH_TABLES = frozenset(G(10 * code) for code in (41, 42, 43, 49))
+_SHARED_M = frozenset((0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 30, 48, 49))
+_BULK_G = frozenset((0, 1, 2, 3, 17, 18, 19, 20, 21, 90, 91, 94))
+_BULK_M = frozenset((3, 4, 5, 7, 8, 9))
+_OWN_FAMILY_ONLY = frozenset((G.G65, G.G66, G.G67))
+_FAMILIES = {
+    "fanuc": "macro-b", "haas": "macro-b",
+    "linuxcnc": "rs274", "grbl": "rs274", "auto": "rs274", "paper": "rs274",
+}  # fmt: skip
+_NUMBERED = frozenset("GNMT")
+_WITHOUT_TABLES = ("siemens", "fagor", "marlin", "grbl")
+
+_COMMENT = re.compile(r"\(([^()]*)\)?|;(.*)")
+_SEMICOLON = re.compile(r"(\([^)]*\)?)|;(.*)")
+_COMMAND = re.compile(r"[ \t]*(msg|debug|print|log|probe|py|abort)", re.IGNORECASE)
+_POINTLESS = re.compile(
+    rb"(\([^)\r\n]*\)?|;[^\r\n]*)|([XYZABCUVWIJKR][+-]?[0-9]+)(?![0-9.])", re.IGNORECASE
+)
+
+
+@dataclass
+class Target:
+    """A control, seen from another one.
+
+    Attributes:
+        rules: Its dialect.
+        source: The dialect of the program.
+        refused: Forms of lines that the proof has shown to mean something else here.
+        takes_runs: Whether many plain lines may be taken as they are.
+        compensates: Whether lines under cutter compensation may be taken as they are.
+    """
+
+    rules: Dialect
+    source: Dialect
+    refused: set[tuple[str, ...]] = field(default_factory=set)
+    takes_runs: bool = True
+    compensates: bool = True
+
+    def __post_init__(self) -> None:
+        source, rules = self.source, self.rules
+        own = _FAMILIES.get(source.name, source.name)
+        self.same_family = own == _FAMILIES.get(rules.name, rules.name)
+        shared = _SHARED_G
+        if source.name not in _WITHOUT_TABLES:
+            shared = shared | _CYCLES | _WITH_TABLES
+        if source.dwell == rules.dwell:
+            shared = shared | {G.G4}
+        common = source.g & rules.g
+        changed = {code.code for code in common} & (source.aliases.keys() | rules.aliases.keys())
+        changed |= {number for _, number in source.noted.keys() | rules.noted.keys()}
+        kept = common - _OWN_FAMILY_ONLY if self.same_family else common & shared
+        self.g = frozenset(code for code in kept if code.code not in changed)
+        noted = {number for letter, number in source.noted | rules.noted if letter == "M"}
+        m = source.m & rules.m
+        m = m if self.same_family else frozenset(code for code in m if code in _SHARED_M)
+        self.m = frozenset(code for code in m if code not in noted)
+        self.bulk_g = frozenset(int(code) for code in self.g if code.code in _BULK_G)
+        self.bulk_m = frozenset(int(code) for code in self.m if int(code) in _BULK_M)
+        self.letters = frozenset("GMNFSTIJKRPQLHD") | rules.axes
+
+    # Reading of the program's lines
+
+    def can_keep(self, statement: Statement) -> bool:
+        """Return whether each word of a line means the same here."""
+        if statement.computed or statement.assignments or statement.control or statement.board:
+            return False
+        if statement.percent or statement.remarks:
+            return False
+        if statement.deletable and self.rules.name in ("grbl", "marlin"):
+            return False
+        for word in statement.words:
+            if word.letter not in self.letters:
+                return False
+            if word.letter == "G" and (word.tenths is None or word.tenths not in self.g):
+                return False
+            if word.letter == "M" and (word.whole is None or word.whole not in self.m):
+                return False
+        return self.form(statement) not in self.refused
+
+    @staticmethod
+    def form(statement: Statement) -> tuple[str, ...]:
+        """Return the codes and letters of a line, by which similar lines are recognised."""
+        return tuple(
+            sorted(
+                f"{word.letter}{word.number:g}" if word.letter in "GM" else word.letter
+                for word in statement.words
+                if word.letter != "N"
+            )
+        )
+
+    def in_group(self, words: tuple[Word, ...], group: str) -> bool:
+        """Return whether a line has a code of a modal group."""
+        return any(
+            (word.letter == "G" and word.tenths in GROUP_OF_G and GROUP_OF_G[G(word.tenths)] == group)
+            or (word.letter == "M" and GROUP_OF_M.get(word.whole) == group)  # type: ignore[call-overload]
+            for word in words
+        )
+
+    # Writing
+
+    @property
+    def tool_change(self) -> bool:
+        """Whether the control has M6."""
+        return 6 in self.rules.m
+
+    @property
+    def path_codes(self) -> bool:
+        """Whether the control has G64 or G61.1."""
+        return G.G64 in self.rules.g
+
+    def spelled(self, text: bytes) -> bytes:
+        """Return lines of the program as this control reads them: comments, decimal points."""
+        if self.rules.lines.decimal_points:
+            text = _POINTLESS.sub(lambda at: at[1] or at[2] + b".", text)
+        if b";" in text and self.rules.name in ("fanuc", "haas", "mach3"):
+            lines = text.decode("latin-1").split("\n")
+            text = "\n".join(map(self._round_brackets, lines)).encode("latin-1")
+        elif b"(" in text and self.rules.name in ("siemens", "marlin"):
+            lines = text.decode("latin-1").split("\n")
+            text = "\n".join(map(self._behind_semicolon, lines)).encode("latin-1")
+        return text
+
+    @staticmethod
+    def _round_brackets(line: str) -> str:
+        end = "\r" if line.endswith("\r") else ""
+        return (
+            _SEMICOLON.sub(
+                lambda at: at[1] or f"({_inside(at[2])})", line.removesuffix("\r")
+            )
+            + end
+        )
+
+    def _behind_semicolon(self, line: str) -> str:
+        texts = comments(line)
+        if not texts:
+            return line
+        code = _COMMENT.sub("", line.rstrip("\r")).rstrip()
+        return f"{code} {'; '.join(['', *texts]).lstrip()}".lstrip()
+
+    def comment(self, text: str) -> str:
+        """Return a line with a comment."""
+        if self.rules.name in ("siemens", "marlin"):
+            return f"; {text.strip()}"
+        return f"({_inside(text)})"
+
+    def dwell(self, seconds: float) -> str:
+        """Return a dwell."""
+        units = self.rules.dwell.units
+        if units.get("P") == 1.0:
+            return f"G4 P{number(seconds, 4)}"
+        if units.get("P"):
+            return f"G4 P{round(seconds / units['P'])}"
+        return f"G4 F{number(seconds, 4)}"
+
+    def ends(self) -> str:
+        """Return the line that ends a program."""
+        return "M2" if 2 in self.rules.m and self.rules.name == "linuxcnc" else "M30"
+
+
+def comments(text: str) -> list[str]:
+    """Return the comments of a line."""
+    return [(at[1] if at[1] is not None else at[2]).strip() for at in _COMMENT.finditer(text)]
+
+
+def without_comments(text: str) -> str:
+    """Return the code of a line."""
+    return _COMMENT.sub("", text)
+
+
+def _inside(text: str) -> str:
+    """Return text for a comment in brackets that gives no command."""
+    text = text.replace("(", "[").replace(")", "]").strip()
+    return f"- {text}" if _COMMAND.match(text) else text
+
+
+def number(value: float, digits: int) -> str:
+    """Return a number with at most ``digits`` decimals; a whole one ends in a point."""
+    text = f"{value:.{digits}f}".rstrip("0")
+    return "0." if text in ("-0.", "0.") else text
