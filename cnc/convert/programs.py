@@ -9,13 +9,18 @@ from pathlib import Path
 from typing import Any
 
 from cnc.convert.curves import Curves, FitTo
-from cnc.convert.proof import SAME, Differs, distance, made_up_offsets
+from cnc.convert.proof import (
+    Differs,
+    distance,
+    made_up_offsets,
+    made_up_start,
+    with_other_systems,
+)
 from cnc.convert.target import Target, TargetName
 from cnc.convert.writer import Notes, Writer, Written
 from cnc.gcode import dialects
 from cnc.gcode.core.line_trace import LineTrace
 from cnc.machine.models import Machine
-from cnc.model.blocks import Block
 from cnc.model.choices import DialectName
 from cnc.model.diagnostics import CncError, Diagnostic, GcodeError, UsageError, shown_name
 from cnc.session.options import RunOptions
@@ -24,7 +29,6 @@ from cnc.session.program_reader import (
     SavedState,
     display_name,
     readable_file,
-    start_position,
     with_source_lines,
 )
 from cnc.session.required_capabilities import reading_policy
@@ -134,20 +138,23 @@ class _Conversion:
     ) -> None:
         self._name, self._path, self._machine, self._fit = name, path, machine, fit
         self._dialect: DialectName = dialect or machine.program.dialect
-        self._start = start_position(machine)
-        source = self._reader(path, self._dialect).rules()
+        source = self._reader(path, self._dialect, 0, {}).rules()
         self._target = Target(dialects.load(to), source)
         self._to = to
 
-    def _reader(self, path: Path, dialect: DialectName) -> ProgramReader:
+    def _reader(
+        self, path: Path, dialect: DialectName, version: int, offsets: dict[int, float]
+    ) -> ProgramReader:
         machine = self._machine
+        saved = SavedState(machine)
+        saved.adopt(offsets)
         return ProgramReader(
             self._name,
             path,
             machine,
             dialect,
-            self._start,
-            SavedState(machine),
+            made_up_start(len(machine.axis_names), version),
+            saved,
             lambda _: None,
             reading_policy(OPTIONS, machine, None),
         )
@@ -155,8 +162,8 @@ class _Conversion:
     def run(self) -> Converted:
         """Write and prove until both programs are the same."""
         for _ in range(MOST_TRIALS):
-            writer = Writer(self._target, self._machine.axis_names, self._start, self._fit)
-            reader = self._reader(self._path, self._dialect)
+            reader = self._reader(self._path, self._dialect, 0, made_up_offsets(0))
+            writer = Writer(self._target, self._machine.axis_names, reader.start, self._fit)
             writer.take(reader.traced_blocks(LineTrace(writer.bulk)))
             text = writer.text()
             try:
@@ -177,20 +184,20 @@ class _Conversion:
 
     def _proved(self, writer: Writer, text: bytes) -> tuple[float, float]:
         """Return the largest distances of moves and curves; raise if both programs differ."""
-        offsets = made_up_offsets(writer.systems, self._target.source.systems)
+        offsets = made_up_offsets(1)
+        others = with_other_systems(offsets, writer.systems, self._target.source.systems)
         with tempfile.NamedTemporaryFile(suffix=".nc") as file:
             file.write(text)
             file.flush()
-            readers = (
-                self._reader(self._path, self._dialect),
-                self._reader(Path(file.name), self._to),
-            )
-            blocks: list[Iterator[Block]] = []
-            for reader, values in zip(readers, offsets, strict=True):
-                reader.saved.adopt(values)
-                blocks.append(reader.blocks())
+            program = self._reader(self._path, self._dialect, 1, offsets)
+            result = self._reader(Path(file.name), self._to, 1, others)
             return distance(
-                *blocks, self._start, self._machine.axis_names, writer.regions, self._target
+                program.blocks(),
+                result.blocks(),
+                program.start,
+                self._machine.axis_names,
+                writer.regions,
+                self._target,
             )
 
     def _take_back(self, writer: Writer, line: int, source: int, what: str) -> None:

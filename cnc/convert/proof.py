@@ -1,7 +1,8 @@
 """Proof of a conversion: both programs are read, and their blocks compared one by one.
 
-The work offsets of both readings are made up, each another one. So a program that selects the wrong
-offset, or that counts on an offset of 0, is seen.
+The position before the program and the work offsets are not known. In all readings they are made up,
+and the proof has others than the writer had. So a result that counts on them is seen, and so is one
+that selects the wrong offset, or leaves out a move that an offset of 0 would not need.
 
     program ──► elements ─┬─ straight moves, arcs: one by one, ends and shapes
     result  ──► elements ─┘  curves written within the tolerance: distance of both ways
@@ -72,33 +73,49 @@ class Differs(Exception):
         super().__init__(what)
 
 
-def made_up_offsets(systems: dict[int, int], of_source: int) -> tuple[dict[int, float], ...]:
-    """Return parameters of coordinate systems, for the program and for the result.
+def made_up_start(axes: int, version: int) -> Floats:
+    """Return a position (axes,) before the program, mm, that no program would move to."""
+    return 0.7131 + 0.3717 * version + 1.137 * np.arange(axes)
+
+
+def made_up_offsets(version: int) -> dict[int, float]:
+    """Return parameters in which each coordinate system has another origin.
 
     Args:
-        systems: Coordinate system of the result for each one of the program that has another.
-        of_source: Number of the program's coordinate systems before those of G54.1.
+        version: Number of the set; another set has all other values.
     """
-    program, result = {}, {}
-    for system in range(9 + numbers.MOST_G54_1_SYSTEMS):
-        first = (
-            numbers.origin(system)
-            if system < 9
-            else numbers.G54_1_ORIGIN + numbers.SYSTEM_STEP * (system - 9)
+    return {
+        _first(system) + axis: round(
+            (17.0 + 3.25 * system - 1.5 * axis + 0.011 * system * axis) * (1.0 + 0.17 * version), 3
         )
-        for axis in range(numbers.AXES_PER_PLACE):
-            value = round(17.0 + 3.25 * system - 1.5 * axis + 0.001 * system * axis, 3)
-            program[first + axis] = value
-            result[first + axis] = value
+        for system in range(9 + numbers.MOST_G54_1_SYSTEMS)
+        for axis in range(numbers.AXES_PER_PLACE)
+    }
+
+
+def with_other_systems(
+    values: dict[int, float], systems: dict[int, int], plain: int
+) -> dict[int, float]:
+    """Return the parameters of a result that uses other coordinate systems.
+
+    Args:
+        values: Those of the program.
+        systems: Coordinate system of the result for each one of the program that has another.
+        plain: Number of the program's coordinate systems before those of G54.1.
+    """
+    result = dict(values)
     for system, other in systems.items():
-        first = (
-            numbers.origin(system)
-            if system < of_source
-            else numbers.G54_1_ORIGIN + numbers.SYSTEM_STEP * (system - of_source)
-        )
+        first = _first(system if system < plain else 9 + system - plain)
         for axis in range(numbers.AXES_PER_PLACE):
-            result[numbers.origin(other) + axis] = program[first + axis]
-    return program, result
+            result[numbers.origin(other) + axis] = values[first + axis]
+    return result
+
+
+def _first(system: int) -> int:
+    """Return the first parameter of G54 (0) to G59.3 (8), or of G54.1 (from 9)."""
+    if system < 9:
+        return numbers.origin(system)
+    return numbers.G54_1_ORIGIN + numbers.SYSTEM_STEP * (system - 9)
 
 
 class _Cursor:

@@ -38,7 +38,8 @@ _FAMILIES = {
 _NUMBERED = frozenset("GNMT")
 _WITHOUT_TABLES = ("siemens", "fagor", "marlin", "grbl")
 
-_COMMENT = re.compile(r"\(([^()]*)\)?|;(.*)")
+_COMMENT = re.compile(r"\(((?:[^()]|\([^()]*\))*)\)?|;(.*)")
+"""A comment, in which another one in brackets may stand."""
 _SEMICOLON = re.compile(r"(\([^)]*\)?)|;(.*)")
 _COMMAND = re.compile(r"[ \t]*(msg|debug|print|log|probe|py|abort)", re.IGNORECASE)
 _POINTLESS = re.compile(

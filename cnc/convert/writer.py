@@ -55,6 +55,7 @@ SHORTEST_RUN = 3
 PLANE_CODES = {plane: code for code, plane in PLANES.items()}
 _CENTER = {"x": "I", "y": "J", "z": "K"}
 _FEED_CODES = {"inverse-time": "G93", "per-minute": "G94", "per-revolution": "G95"}
+_PLACES = AXES | set("IJKR")
 _STORED = frozenset((G.G28_1, G.G30_1))
 _TAPPING = frozenset((G.G74, G.G84))
 _RETURNS = frozenset((G.G28, G.G30, G.G53))
@@ -342,8 +343,8 @@ class Writer:
         words = statement.words
         if not all(word.letter == "N" for word in words):
             modal = before.modal
-            missing = self._missing(modal, words, mark)
             letters = {word.letter for word in words}
+            missing = self._missing(modal, words, mark) if letters & _PLACES else []
             at_feed = any(
                 isinstance(element, ArcFeed | NurbsFeed)
                 or (isinstance(element, Straights) and not np.isnan(element.feeds).all())
@@ -436,11 +437,12 @@ class Writer:
         if not text.strip():
             self._put("")
             return
-        for remark in comments(text):
-            if not any(isinstance(element, Message) for element in elements):
+        remarks = comments(text)
+        if code.startswith(("O", ":")) and not elements:
+            remarks = [" ".join((code, *remarks))]
+        if not any(isinstance(element, Message) for element in elements):
+            for remark in remarks:
                 self._put(self.target.comment(remark))
-        if code.strip().startswith(("O", ":")) and not elements:
-            self._put(self.target.comment(code))
         if code and code != "%":
             self.notes.expanded += 1
         if len(elements) > 1 and statement is not None and not statement.control:
