@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from cnc.convert.curves import Curves, FitTo
 from cnc.convert.proof import (
@@ -20,6 +23,8 @@ from cnc.convert.target import Target, TargetName
 from cnc.convert.writer import Notes, Writer, Written
 from cnc.gcode import dialects
 from cnc.gcode.core.line_trace import LineTrace
+from cnc.gcode.reader.parser import Syntax
+from cnc.gcode.reader.source_text import LineIndex, Text
 from cnc.machine.models import Machine
 from cnc.model.choices import DialectName
 from cnc.model.diagnostics import CncError, Diagnostic, GcodeError, UsageError, shown_name
@@ -33,6 +38,8 @@ from cnc.session.program_reader import (
 )
 from cnc.session.required_capabilities import reading_policy
 
+_FLOW = re.compile(rb"#|\[|M *9[789]|G *6[567]|^[ \t]*o", re.IGNORECASE | re.MULTILINE)
+"""Words of loops, branches, calls and parameters."""
 MOST_TRIALS = 40
 """Trials after which a program is refused."""
 OPTIONS = RunOptions(tool_lengths="zero")
@@ -161,6 +168,8 @@ class _Conversion:
 
     def run(self) -> Converted:
         """Write and prove until both programs are the same."""
+        if self._target.same_flow and (whole := self._as_it_stands()) is not None:
+            return whole
         for _ in range(MOST_TRIALS):
             reader = self._reader(self._path, self._dialect, 0, made_up_offsets(0))
             writer = Writer(self._target, self._machine.axis_names, reader.start, self._fit)
@@ -176,11 +185,44 @@ class _Conversion:
                 continue
             if of_curves > self._fit.tolerance:
                 raise self._differs(0, f"curves are {of_curves:.4g} mm apart")
-            return Converted(
-                text, self._target.source.name, self._to, text.count(b"\n"), kept, of_curves,
-                writer.notes,
-            )  # fmt: skip
+            return self._result(text, kept, of_curves, writer.notes)
         raise self._differs(0, "no text was found that moves the machine alike")
+
+    def _as_it_stands(self) -> Converted | None:
+        """Return a program with loops and calls line by line, if all lines mean the same.
+
+        None for a program without them, or if the control would do something else.
+        """
+        text = Text.of_file(self._path, self._name)
+        if not any(text.first_lines_with(_FLOW)):
+            return None
+        source, notes = self._target.source, Notes()
+        syntax = Syntax(source.flavour, lenient=source.lenient, dialect=source.name)
+        listing = LineIndex(text, syntax)
+        parts = []
+        line = 1
+        while (window := listing.window(line)) is not None:
+            for index in range(window.count):
+                try:
+                    statement = listing.statement(window, index)
+                except CncError:
+                    return None
+                if statement is None or not self._target.can_keep_flow(statement):
+                    return None
+            parts.append(self._target.spelled(window.data))
+            line += window.count
+        notes.kept = line - 1
+        notes.add("kept", "loops, branches, calls and computed words as they stand", 1)
+        writer = Writer(self._target, self._machine.axis_names, np.zeros(0), self._fit)
+        try:
+            apart, _ = self._proved(writer, b"".join(parts))
+        except (Differs, GcodeError):
+            return None
+        return self._result(b"".join(parts), apart, 0.0, notes)
+
+    def _result(self, text: bytes, apart: float, of_curves: float, notes: Notes) -> Converted:
+        lines = text.count(b"\n")
+        return Converted(text, self._target.source.name, self._to, lines, apart, of_curves, notes)
 
     def _proved(self, writer: Writer, text: bytes) -> tuple[float, float]:
         """Return the largest distances of moves and curves; raise if both programs differ."""

@@ -124,7 +124,7 @@ class _Cursor:
     def __init__(self, blocks: Iterable[Block], start: Floats, target: Target) -> None:
         self._elements = Elements(start).of(blocks)
         self._target = target
-        self._coolant: Coolant | None = None
+        self._path: tuple[str, float] | None = None
         self.position = start
         self.curves = 0
         self.current: Block | None = None
@@ -132,10 +132,25 @@ class _Cursor:
 
     def _next(self) -> None:
         for element in self._elements:
-            if _is_compared(element, self._target):
+            if self._is_compared(element):
                 self.current = element
                 return
         self.current = None
+
+    def _is_compared(self, element: Block) -> bool:
+        """Whether an action means something on the target."""
+        if isinstance(element, PathMode):
+            rules, before = self._target.rules.motion, self._path
+            if not self._target.path_codes:
+                return False
+            if element.control == "exact-path" and rules.path_stop == "exact-stop":
+                return False
+            tolerance = element.tolerance if "P" in rules.path_words else 0.0
+            self._path = element.control, tolerance
+            return self._path != before
+        if isinstance(element, Overrides):
+            return 48 in self._target.rules.m
+        return not isinstance(element, Message)
 
     def take(self, count: int = 1) -> Block:
         """Take the first moves of the current element, or the element."""
@@ -165,17 +180,6 @@ class _Cursor:
             state = self.current.mist, self.current.flood
             self._next()
         return state
-
-
-def _is_compared(element: Block, target: Target) -> bool:
-    """Whether an action means something on the target."""
-    if isinstance(element, Message):
-        return False
-    if isinstance(element, PathMode):
-        return target.path_codes
-    if isinstance(element, Overrides):
-        return 48 in target.rules.m
-    return True
 
 
 def distance(
@@ -293,7 +297,10 @@ def _same_action(a: Block, b: Block, target: Target) -> bool:
         case End(), End():
             return True
         case PathMode(), PathMode():
-            return a.control == b.control and math.isclose(a.tolerance, b.tolerance, abs_tol=1e-6)
+            return a.control == b.control and (
+                "P" not in target.rules.motion.path_words
+                or math.isclose(a.tolerance, b.tolerance, abs_tol=1e-5)
+            )
         case (Overrides(), Overrides()):
             return (a.feed, a.spindle) == (b.feed, b.spindle)
         case BoardCommand(), BoardCommand():
@@ -318,7 +325,7 @@ def _values(block: Block) -> list[object]:
 def _region(one: _Cursor, other: _Cursor, region: Region, axes: tuple[str, ...]) -> float:
     """Return the distance of curves of the program from those that stand for them."""
     start, begin = one.position, one.current
-    of_program = list(_curves(one, lambda: one.curves < region.last, region.last))
+    of_program = list(_curves(one, region.last))
     of_result = list(_lines(other, region))
     feeds = [_feeds(elements) for elements in (of_program, of_result)]
     if not of_result or not np.allclose(feeds[0], feeds[1], rtol=SAME_FEED, atol=0.0):
@@ -327,7 +334,7 @@ def _region(one: _Cursor, other: _Cursor, region: Region, axes: tuple[str, ...])
     return farthest(*tracks).distance
 
 
-def _curves(cursor: _Cursor, goes_on: object, last: int) -> Iterator[Block]:
+def _curves(cursor: _Cursor, last: int) -> Iterator[Block]:
     """Take curves up to a number."""
     while cursor.current is not None and cursor.curves < last:
         if not size(cursor.current):

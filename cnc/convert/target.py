@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Container
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
@@ -30,12 +31,13 @@ _WITH_TABLES = frozenset(G(10 * code) for code in (41, 42, 43, 49))
 _SHARED_M = frozenset((0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 30, 48, 49))
 _BULK_G = frozenset((0, 1, 2, 3, 17, 18, 19, 20, 21, 90, 91, 94))
 _BULK_M = frozenset((3, 4, 5, 7, 8, 9))
-_OWN_FAMILY_ONLY = frozenset((G.G65, G.G66, G.G67))
 _FAMILIES = {
     "fanuc": "macro-b", "haas": "macro-b",
     "linuxcnc": "rs274", "grbl": "rs274", "auto": "rs274", "paper": "rs274",
 }  # fmt: skip
-_NUMBERED = frozenset("GNMT")
+_FLOW = {"fanuc": "macro-b", "haas": "macro-b", "linuxcnc": "ngc", "auto": "ngc"}
+"""Language of loops, branches and calls by dialect; that of others is their own."""
+_FLOW_G, _FLOW_M = frozenset((G.G65, G.G66, G.G67)), frozenset((97, 98, 99))
 _WITHOUT_TABLES = ("siemens", "fagor", "marlin", "grbl")
 
 _COMMENT = re.compile(r"\(((?:[^()]|\([^()]*\))*)\)?|;(.*)")
@@ -76,13 +78,14 @@ class Target:
             shared = shared | {G.G4}
         common = source.g & rules.g
         changed = {code.code for code in common} & (source.aliases.keys() | rules.aliases.keys())
-        changed |= {number for _, number in source.noted.keys() | rules.noted.keys()}
-        kept = common - _OWN_FAMILY_ONLY if self.same_family else common & shared
+        noted = source.noted.keys() | rules.noted.keys()
+        changed |= {number for letter, number in noted if letter == "G"}
+        kept = common - _FLOW_G if self.same_family else common & shared
+        self.same_flow = _FLOW.get(source.name, source.name) == _FLOW.get(rules.name, rules.name)
         self.g = frozenset(code for code in kept if code.code not in changed)
-        noted = {number for letter, number in source.noted | rules.noted if letter == "M"}
         m = source.m & rules.m
-        m = m if self.same_family else frozenset(code for code in m if code in _SHARED_M)
-        self.m = frozenset(code for code in m if code not in noted)
+        m = m - _FLOW_M if self.same_family else m & _SHARED_M
+        self.m = frozenset(code for code in m if ("M", float(code)) not in noted)
         self.bulk_g = frozenset(int(code) for code in self.g if code.code in _BULK_G)
         self.bulk_m = frozenset(int(code) for code in self.m if int(code) in _BULK_M)
         self.letters = frozenset("GMNFSTIJKRPQLHD") | rules.axes
@@ -97,14 +100,28 @@ class Target:
             return False
         if statement.deletable and self.rules.name in ("grbl", "marlin"):
             return False
+        return self._has_words(statement, self.g, self.m) and (
+            self.form(statement) not in self.refused
+        )
+
+    def can_keep_flow(self, statement: Statement) -> bool:
+        """Return whether a line of a program with the same flow means the same here."""
+        then = statement.control.then if statement.control else None
+        return all(
+            self._has_words(part, self.g | _FLOW_G, self.m | (_FLOW_M & self.rules.m))
+            for part in (statement, then)
+            if part is not None
+        )
+
+    def _has_words(self, statement: Statement, g: Container[int], m: Container[int]) -> bool:
         for word in statement.words:
             if word.letter not in self.letters:
                 return False
-            if word.letter == "G" and (word.tenths is None or word.tenths not in self.g):
+            if word.letter == "G" and (word.tenths is None or word.tenths not in g):
                 return False
-            if word.letter == "M" and (word.whole is None or word.whole not in self.m):
+            if word.letter == "M" and (word.whole is None or word.whole not in m):
                 return False
-        return self.form(statement) not in self.refused
+        return True
 
     @staticmethod
     def form(statement: Statement) -> tuple[str, ...]:

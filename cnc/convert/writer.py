@@ -804,8 +804,10 @@ class Writer:
         if not self.target.path_codes:
             self._path_mode(block)
         elif block.control == "blend":
-            words = f" P{number(block.tolerance / mark.modal.scale, 5)}"
-            self._put("G64" + (words if block.tolerance and "P" in motion.path_words else ""))
+            if block.tolerance and "P" not in motion.path_words:
+                self.notes.add("assumed", "G64 has the control's own tolerance", block.line)
+            word = f" P{number(block.tolerance / mark.modal.scale, 5)}"
+            self._put("G64" + (word if block.tolerance and "P" in motion.path_words else ""))
         elif block.control == motion.path_stop:
             self._put("G61")
         elif G.G61_1 in self.target.rules.g and block.control == "exact-stop":
@@ -815,12 +817,16 @@ class Writer:
 
     def _write_probe(self, mark: ExecutedLines, probe: Probe) -> None:
         kind = (2 if probe.must else 3) + (0 if probe.towards else 2)
-        code = G(380 + kind)
-        if code not in self.target.rules.g:
-            raise self._cannot(mark, "the control has no G38", "measure on the machine")
+        has = self.target.rules.g
+        if G(380 + kind) in has:
+            words = [f"G38.{kind}"]
+        elif kind == 3 and G.G31 in has:
+            words = ["G31"]
+        else:
+            hint = "measure on the machine"
+            raise self._cannot(mark, "the control has no such probing move", hint)
         self._sync(mark)
         zero = self._zero(mark)
-        words = [f"G38.{kind}"]
         for column in np.flatnonzero(np.abs(probe.end - self._position) > 1e-9).tolist():
             axis = self.axes[column]
             words.append(axis.upper() + self._number(axis, float(probe.end[column] - zero[column])))
