@@ -44,7 +44,7 @@ from cnc.cli.options import (
 from cnc.cli.progress import ProgressDisplay
 from cnc.cli.signals import NO_SPACE, OperatorSignals, report_hang_up
 from cnc.compiled.code_cache import cache_folder
-from cnc.model.choices import DialectName, Pauses, TextStyle
+from cnc.model.choices import Curves, DialectName, Pauses, TargetName, TextStyle
 from cnc.model.diagnostics import (
     EXIT_STOPPED,
     CncError,
@@ -341,6 +341,59 @@ def format_programs(
     names = [name.replace(HYPHEN, "-") for name in programs]
     return rewriting.format_programs(
         names, machine, dialect, style, check=check, in_place=in_place, quiet=terminal.quiet
+    )
+
+
+@app.command
+def convert(
+    program: ProgramOption,
+    /,
+    *,
+    to: Annotated[TargetName, option("The control to write the program for.")],
+    file: Annotated[
+        str | None,
+        Parameter(name=["--output", "-o"], help="The file to write; by default it is printed."),
+    ] = None,
+    in_place: Annotated[bool, option("Write the program to its own file.")] = False,
+    tolerance: Annotated[
+        float, option("Largest distance of curves that are written anew, mm.")
+    ] = 0.01,
+    curves: Annotated[
+        Curves, option("How short straight moves are written: lines, arcs or nurbs.")
+    ] = "lines",
+    machine: MachineOption = None,
+    dialect: Annotated[
+        DialectName | None,
+        option("How to read the program; by default as the machine file specifies."),
+    ] = None,
+    json: Annotated[
+        str | None, output("Write the report to FILE.json (- is standard output).")
+    ] = None,
+    terminal: TerminalOptions = TERMINAL,
+) -> int:
+    """Write the program of one control for another one.
+
+    The result is read back and its motion compared with the program before it is written. The
+    report on standard error has what was kept, expanded and assumed, and the distance.
+    """
+    if in_place and (program == "-" or file is not None):
+        message = "--in-place writes to the file of the program"
+        raise UsageError(Diagnostic("usage", message, hint="leave it out, or name a file"))
+    if not 1e-4 <= tolerance <= 1.0:
+        message = f"a tolerance of {tolerance:g} mm is not between 0.0001 and 1"
+        raise UsageError(Diagnostic("usage", message, hint="0.01 suits most parts"))
+    written = "-" if file is None and not in_place else file
+    check_files((written, json, terminal.log), (machine, program))
+    terminal.open_log(machine, program)
+    load_library()
+    from cnc.cli import rewriting
+
+    return rewriting.convert_program(
+        program,
+        program if in_place else written or "-",
+        json,
+        rewriting.Conversion(machine, dialect, to, tolerance, curves),
+        quiet=terminal.quiet,
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, get_args
+from typing import NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 from cnc.compare.programs import points_along
 from cnc.grbl_lines.kernels.arc_fit import STRAIGHT, FitLimits, fit_fewest
 from cnc.model.blocks import NurbsFeed, Plane
+from cnc.model.choices import Curves
 from cnc.path.build import exact_path
 from cnc.path.chunk import PathChunk
 
-Curves = Literal["lines", "arcs", "nurbs"]
-"""How short moves are written."""
 PLANES: tuple[Plane, ...] = get_args(Plane)
 CORNER = np.cos(np.radians(30.0))
 """Moves that turn by more meet at a corner, which stays."""

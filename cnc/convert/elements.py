@@ -107,9 +107,7 @@ def as_blocks(elements: Iterable[Block]) -> Iterator[Block]:
     """Yield elements as blocks of the model again."""
     for element in elements:
         if isinstance(element, Straights):
-            yield Polyline(
-                element.file, element.line, element.points, element.feeds, element.lines
-            )
+            yield Polyline(element.file, element.line, element.points, element.feeds, element.lines)
         else:
             yield element
 

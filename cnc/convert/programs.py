@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from cnc.convert.curves import Curves, FitTo
+from cnc.convert.curves import FitTo
 from cnc.convert.proof import (
     Differs,
     distance,
@@ -19,14 +19,14 @@ from cnc.convert.proof import (
     made_up_start,
     with_other_systems,
 )
-from cnc.convert.target import Target, TargetName
+from cnc.convert.target import Target
 from cnc.convert.writer import Notes, Writer, Written
 from cnc.gcode import dialects
 from cnc.gcode.core.line_trace import LineTrace
 from cnc.gcode.reader.parser import Syntax
 from cnc.gcode.reader.source_text import LineIndex, Text
 from cnc.machine.models import Machine
-from cnc.model.choices import DialectName
+from cnc.model.choices import Curves, DialectName, TargetName
 from cnc.model.diagnostics import CncError, Diagnostic, GcodeError, UsageError, shown_name
 from cnc.session.options import RunOptions
 from cnc.session.program_reader import (
@@ -252,8 +252,8 @@ class _Conversion:
         target = self._target
         if written is None or written.form is None or line == 0:
             before = _kept_before(writer.written, line)
-            if before is not None and before.form not in (None, ()) and line:
-                target.refused.add(before.form)  # type: ignore[arg-type]
+            if before is not None and before.form and before.form not in target.refused and line:
+                target.refused.add(before.form)
                 return
             if target.takes_runs:
                 target.takes_runs = False

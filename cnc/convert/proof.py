@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,7 +74,7 @@ class Differs(Exception):
 
 def made_up_start(axes: int, version: int) -> Floats:
     """Return a position (axes,) before the program, mm, that no program would move to."""
-    return 0.7131 + 0.3717 * version + 1.137 * np.arange(axes)
+    return np.array([0.7131 + 0.3717 * version + 1.137 * axis for axis in range(axes)])
 
 
 def made_up_offsets(version: int) -> dict[int, float]:

@@ -5,16 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Container
 from dataclasses import dataclass, field
-from typing import Literal, get_args
 
 from cnc.gcode.core.modal_groups import GROUP_OF_G, GROUP_OF_M
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.reader.statements import Statement
 from cnc.gcode.reader.words import G, Word
-
-TargetName = Literal["grbl", "linuxcnc", "fanuc", "haas", "siemens", "mach3", "marlin"]
-"""The controls for which programs are written."""
-TARGETS: tuple[TargetName, ...] = get_args(TargetName)
+from cnc.grbl_lines.number_format import plain_text
 
 # Codes that mean the same in every dialect that has them. The proof compares the motion; this table
 # is about what no block shows: a stored position, a memory of the control, an operator's action.
@@ -40,6 +36,8 @@ _FLOW = {"fanuc": "macro-b", "haas": "macro-b", "linuxcnc": "ngc", "auto": "ngc"
 _FLOW_G, _FLOW_M = frozenset((G.G65, G.G66, G.G67)), frozenset((97, 98, 99))
 _WITHOUT_TABLES = ("siemens", "fagor", "marlin", "grbl")
 
+_NO_COMMANDS = bytes.maketrans(b"!?~" + bytes(range(128, 256)), b"..-" + 128 * b".")
+"""GRBL takes these bytes for commands, even in a comment."""
 _COMMENT = re.compile(r"\(((?:[^()]|\([^()]*\))*)\)?|;(.*)")
 """A comment, in which another one in brackets may stand."""
 _SEMICOLON = re.compile(r"(\([^)]*\)?)|;(.*)")
@@ -137,7 +135,11 @@ class Target:
     def in_group(self, words: tuple[Word, ...], group: str) -> bool:
         """Return whether a line has a code of a modal group."""
         return any(
-            (word.letter == "G" and word.tenths in GROUP_OF_G and GROUP_OF_G[G(word.tenths)] == group)
+            (
+                word.letter == "G"
+                and word.tenths in GROUP_OF_G
+                and GROUP_OF_G[G(word.tenths)] == group
+            )
             or (word.letter == "M" and GROUP_OF_M.get(word.whole) == group)  # type: ignore[call-overload]
             for word in words
         )
@@ -158,6 +160,8 @@ class Target:
         """Return lines of the program as this control reads them: comments, decimal points."""
         if self.rules.lines.decimal_points:
             text = _POINTLESS.sub(lambda at: at[1] or at[2] + b".", text)
+        if self.rules.name == "grbl":
+            text = text.translate(_NO_COMMANDS)
         if b";" in text and self.rules.name in ("fanuc", "haas", "mach3"):
             lines = text.decode("latin-1").split("\n")
             text = "\n".join(map(self._round_brackets, lines)).encode("latin-1")
@@ -170,10 +174,7 @@ class Target:
     def _round_brackets(line: str) -> str:
         end = "\r" if line.endswith("\r") else ""
         return (
-            _SEMICOLON.sub(
-                lambda at: at[1] or f"({_inside(at[2])})", line.removesuffix("\r")
-            )
-            + end
+            _SEMICOLON.sub(lambda at: at[1] or f"({_inside(at[2])})", line.removesuffix("\r")) + end
         )
 
     def _behind_semicolon(self, line: str) -> str:
@@ -187,6 +188,8 @@ class Target:
         """Return a line with a comment."""
         if self.rules.name in ("siemens", "marlin"):
             return f"; {text.strip()}"
+        if self.rules.name == "grbl":
+            text = plain_text(text)
         return f"({_inside(text)})"
 
     def dwell(self, seconds: float) -> str:

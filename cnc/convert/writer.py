@@ -258,8 +258,7 @@ class Writer:
             good[own] = np.isin(tenths[own], list(codes))
         bad = np.concatenate(([0], np.cumsum(~good)))
         first = lines.first
-        mask = bad[first[1:]] == bad[first[:-1]]
-        mask = mask[: window.count]
+        mask: NDArray[np.bool_] = (bad[first[1:]] == bad[first[:-1]])[: window.count]
         if b"/" in window.data:
             begins = window.places[0]
             for at in _DELETED.finditer(window.data):
@@ -334,9 +333,7 @@ class Writer:
             return False
         return new.shift == old.shift or sets_shift
 
-    def _keep_line(
-        self, before: ExecutedLines, mark: ExecutedLines, elements: list[Block]
-    ) -> None:
+    def _keep_line(self, before: ExecutedLines, mark: ExecutedLines, elements: list[Block]) -> None:
         statement = mark.statement
         assert statement is not None
         text = self.target.spelled(mark.text)
@@ -352,12 +349,13 @@ class Writer:
             )
             if at_feed and "F" not in letters and mark.modal.feed != self._state.feed:
                 missing.append(f"F{number(self._feed_number(mark.modal), 6)}")
-            if self.target.in_group(words, "spindle") and "S" not in letters:
-                if modal.speed is not None and modal.speed != self._state.speed:
-                    missing.append(f"S{number(modal.speed, 3)}")
-            if self.target.in_group(words, "tool-change") and "T" not in letters:
-                if modal.tool is not None and modal.tool != self._state.tool:
-                    missing.append(f"T{modal.tool}")
+            for group, letter, value, there in (
+                ("spindle", "S", modal.speed, self._state.speed),
+                ("tool-change", "T", modal.tool, self._state.tool),
+            ):
+                given = letter in letters or not self.target.in_group(words, group)
+                if not given and value is not None and value != there:
+                    missing.append(letter + f"{value:.3f}".rstrip("0").rstrip("."))
             if missing:
                 self._put(" ".join(missing))
             needs_code = not self.target.in_group(words, "motion") and letters & AXES
@@ -458,9 +456,9 @@ class Writer:
         source = self.target.source
         for word in statement.words:
             note = source.noted.get((word.letter, word.number))
-            if note is not None and (not note.needs or any(
-                other.letter in note.needs for other in statement.words
-            )):
+            if note is not None and (
+                not note.needs or any(other.letter in note.needs for other in statement.words)
+            ):
                 if note.unchecked:
                     hint = "remove it, or write what the other control has for it"
                     raise self._cannot(mark, f"{word.written} is {note.name}", hint)
@@ -468,7 +466,9 @@ class Writer:
             if word.letter == "G" and word.tenths in _STORED:
                 raise self._cannot(mark, f"{word.written} stores a position of the machine", "")
         if statement.deletable and self.target.rules.name in ("grbl", "marlin"):
-            self.notes.add("assumed", "block delete is off: lines that begin with / stay", mark.line)
+            self.notes.add(
+                "assumed", "block delete is off: lines that begin with / stay", mark.line
+            )
         if mark.modal.motion in _TAPPING and self.target.rules.name in ("grbl", "marlin"):
             hint = "tap by hand, or mill the thread"
             raise self._cannot(mark, "the spindle does not follow the feed: no tapping", hint)
@@ -612,13 +612,18 @@ class Writer:
                 code = round(10 * (word.number if alias is None else alias.code))
                 if code in _RETURNS:
                     if code != G.G53:
-                        text = f"G{code / 10:g} goes to the stored reference position"
+                        text = f"the place of G{code / 10:g} stays where the machine has it (G53)"
                         self.notes.add("assumed", text, mark.line)
                     return True
         return False
 
     def _write_straight(
-        self, mark: ExecutedLines, end: NDArray[np.float64], feed: float, *, in_machine: bool = False
+        self,
+        mark: ExecutedLines,
+        end: NDArray[np.float64],
+        feed: float,
+        *,
+        in_machine: bool = False,
     ) -> None:
         """Write one straight move; with ``in_machine`` in machine coordinates (G53)."""
         zero = self._zero(mark)
@@ -671,7 +676,7 @@ class Writer:
         self, arc: ArcFeed, start: NDArray[np.float64], share: float
     ) -> NDArray[np.float64]:
         """Return a point after whole turns: that of the start in the plane, a share elsewhere."""
-        end = start + share * (arc.end - start)
+        end: NDArray[np.float64] = start + share * (arc.end - start)
         for axis in PLANE_AXES[arc.plane]:
             column = self.axes.index(axis)
             end[column] = start[column]
@@ -778,8 +783,10 @@ class Writer:
                 raise self._cannot(mark, _NAMES.get(type(block), type(block).__name__), "")
 
     def _write_coolant(self, block: Coolant) -> None:
-        if (self._mist and not block.mist) or (self._flood and not block.flood) or not (
-            block.mist or block.flood
+        if (
+            (self._mist and not block.mist)
+            or (self._flood and not block.flood)
+            or not (block.mist or block.flood)
         ):
             self._put("M9")
             self._mist = self._flood = False

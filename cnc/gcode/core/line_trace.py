@@ -20,7 +20,7 @@ from cnc.model.blocks import Block
 from cnc.model.diagnostics import GcodeError
 
 Bulk = Callable[[Window, int, int], int]
-"""Returns how many lines of a window, from an index to before another one, one mark may stand for."""
+"""Returns how many lines of a window one mark may stand for, from an index to before another one."""
 
 
 class Offsets(NamedTuple):
@@ -126,9 +126,7 @@ class LineTrace:
             self._mark(flow, line, line, text, self._statement(listing, window, index))
 
     @staticmethod
-    def _mark(
-        flow: Flow, line: int, last: int, text: bytes, statement: Statement | None
-    ) -> None:
+    def _mark(flow: Flow, line: int, last: int, text: bytes, statement: Statement | None) -> None:
         interpreter = flow.interpreter
         motion = interpreter.motion
         interpreter.out.ready.append(
