@@ -34,6 +34,7 @@ from cnc.cli.options import (
     CheckFormat,
     CheckOptions,
     CommonOptions,
+    ConvertOptions,
     MachineOption,
     TerminalOptions,
     check_files,
@@ -44,7 +45,7 @@ from cnc.cli.options import (
 from cnc.cli.progress import ProgressDisplay
 from cnc.cli.signals import NO_SPACE, OperatorSignals, report_hang_up
 from cnc.compiled.code_cache import cache_folder
-from cnc.model.choices import Curves, DialectName, Pauses, TargetName, TextStyle
+from cnc.model.choices import DialectName, Pauses, TextStyle
 from cnc.model.diagnostics import (
     EXIT_STOPPED,
     CncError,
@@ -349,18 +350,7 @@ def convert(
     program: ProgramOption,
     /,
     *,
-    to: Annotated[TargetName, option("The control to write the program for.")],
-    file: Annotated[
-        str | None,
-        Parameter(name=["--output", "-o"], help="The file to write; by default it is printed."),
-    ] = None,
-    in_place: Annotated[bool, option("Write the program to its own file.")] = False,
-    tolerance: Annotated[
-        float, option("Largest distance of curves that are written anew, mm.")
-    ] = 0.01,
-    curves: Annotated[
-        Curves, option("How short straight moves are written: lines, arcs or nurbs.")
-    ] = "lines",
+    options: ConvertOptions,
     machine: MachineOption = None,
     dialect: Annotated[
         DialectName | None,
@@ -373,27 +363,17 @@ def convert(
 ) -> int:
     """Write the program of one control for another one.
 
-    The result is read back and its motion compared with the program before it is written. The
-    report on standard error has what was kept, expanded and assumed, and the distance.
+    The result is read back, and its motion is compared with that of the program. The report on
+    standard error has what was kept, expanded and assumed, and the largest distance.
     """
-    if in_place and (program == "-" or file is not None):
-        message = "--in-place writes to the file of the program"
-        raise UsageError(Diagnostic("usage", message, hint="leave it out, or name a file"))
-    if not 1e-4 <= tolerance <= 1.0:
-        message = f"a tolerance of {tolerance:g} mm is not between 0.0001 and 1"
-        raise UsageError(Diagnostic("usage", message, hint="0.01 suits most parts"))
-    written = "-" if file is None and not in_place else file
-    check_files((written, json, terminal.log), (machine, program))
+    file = options.output(program)
+    check_files((None if options.in_place else file, json, terminal.log), (machine, program))
     terminal.open_log(machine, program)
     load_library()
     from cnc.cli import rewriting
 
     return rewriting.convert_program(
-        program,
-        program if in_place else written or "-",
-        json,
-        rewriting.Conversion(machine, dialect, to, tolerance, curves),
-        quiet=terminal.quiet,
+        program, file, options, machine, dialect, json, quiet=terminal.quiet
     )
 
 

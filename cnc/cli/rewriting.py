@@ -1,4 +1,4 @@
-"""The work of ``cncrun format`` and ``convert``; the commands import it when they are carried out."""
+"""The work of ``cncrun format`` and ``convert``, imported when they are carried out."""
 
 from __future__ import annotations
 
@@ -7,12 +7,13 @@ import sys
 from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path
-from typing import IO, NamedTuple
+from typing import IO
 
 from cnc.cli.checking import find_programs
+from cnc.cli.options import ConvertOptions
 from cnc.convert.programs import convert
 from cnc.machine.load import load_machine
-from cnc.model.choices import Curves, DialectName, TargetName, TextStyle
+from cnc.model.choices import DialectName, TextStyle
 from cnc.model.diagnostics import EXIT_REJECTED, Diagnostic, UsageError, printable, shown_name
 from cnc.report.summary import write_object
 from cnc.report.targets import BytesTarget
@@ -60,26 +61,25 @@ def format_programs(
     return EXIT_REJECTED if check and changed else 0
 
 
-class Conversion(NamedTuple):
-    """What is converted, and how: see :func:`cnc.convert.programs.convert`."""
-
-    machine: str | None
-    dialect: DialectName | None
-    to: TargetName
-    tolerance: float
-    curves: Curves
-
-
 def convert_program(
-    program: str, file: str, json: str | None, how: Conversion, *, quiet: bool
+    program: str,
+    file: str,
+    options: ConvertOptions,
+    machine: str | None,
+    dialect: DialectName | None,
+    json: str | None,
+    *,
+    quiet: bool,
 ) -> int:
     """Write a program for another control, and its report; return the exit code.
 
     Args:
         program: The program.
         file: The file to write; ``-`` for standard output.
+        options: The control, and how curves are written.
+        machine: The machine file.
+        dialect: How to read the program.
         json: File of the report; None for none.
-        how: The conversion.
         quiet: Whether the report is not printed.
 
     Raises:
@@ -88,11 +88,11 @@ def convert_program(
     """
     result = convert(
         program,
-        load_machine(how.machine),
-        how.dialect,
-        how.to,
-        tolerance=how.tolerance,
-        curves=how.curves,
+        load_machine(machine),
+        dialect,
+        options.to,
+        tolerance=options.tolerance,
+        curves=options.curves,
     )
     _write(file, BytesIO(result.text))
     if json is not None:

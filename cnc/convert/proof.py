@@ -1,8 +1,8 @@
 """Proof of a conversion: both programs are read, and their blocks compared one by one.
 
-The position before the program and the work offsets are not known. In all readings they are made up,
-and the proof has others than the writer had. So a result that counts on them is seen, and so is one
-that selects the wrong offset, or leaves out a move that an offset of 0 would not need.
+The position before the program and the work offsets are not known. In all readings they are made
+up, and the proof has others than the writer had. So a result that counts on them is seen, and so is
+one that selects the wrong offset, or leaves out a move that an offset of 0 would not need.
 
     program ──► elements ─┬─ straight moves, arcs: one by one, ends and shapes
     result  ──► elements ─┘  curves written within the tolerance: distance of both ways

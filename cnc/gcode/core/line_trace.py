@@ -20,7 +20,7 @@ from cnc.model.blocks import Block
 from cnc.model.diagnostics import GcodeError
 
 Bulk = Callable[[Window, int, int], int]
-"""Returns how many lines of a window one mark may stand for, from an index to before another one."""
+"""Returns how many lines of a window one mark may stand for, from an index up to another one."""
 
 
 class Offsets(NamedTuple):
