@@ -147,6 +147,8 @@ class _Cursor:
             tolerance = element.tolerance if "P" in rules.path_words else 0.0
             self._path = element.control, tolerance
             return self._path != before
+        if isinstance(element, End):
+            return bool(self._target.ends())
         if isinstance(element, Overrides):
             return 48 in self._target.rules.m
         return not isinstance(element, Message)

@@ -201,9 +201,16 @@ class Target:
             return f"G4 P{round(seconds / units['P'])}"
         return f"G4 F{number(seconds, 4)}"
 
+    @property
+    def systems(self) -> int:
+        """Number of coordinate systems."""
+        return self.rules.systems if G.G54 in self.rules.g else 1
+
     def ends(self) -> str:
-        """Return the line that ends a program."""
-        return "M2" if 2 in self.rules.m and self.rules.name == "linuxcnc" else "M30"
+        """Return the line that ends a program; empty where the text ends it."""
+        if 30 not in self.rules.m:
+            return ""
+        return "M2" if self.rules.name == "linuxcnc" else "M30"
 
 
 def comments(text: str) -> list[str]:

@@ -24,7 +24,7 @@ from cnc.gcode.core.line_trace import ExecutedLines, Offsets
 from cnc.gcode.core.modal_groups import PLAIN_MOTIONS, PLANES, ModalState
 from cnc.gcode.reader.source_text import Window
 from cnc.gcode.reader.statements import Statement
-from cnc.gcode.reader.words import AXES, G
+from cnc.gcode.reader.words import AXES, G, Word
 from cnc.model import parameter_numbers as numbers
 from cnc.model.blocks import (
     PLANE_AXES,
@@ -60,7 +60,12 @@ _STORED = frozenset((G.G28_1, G.G30_1))
 _TAPPING = frozenset((G.G74, G.G84))
 _RETURNS = frozenset((G.G28, G.G30, G.G53))
 _UNKNOWN: Any = "unknown"
-_DELETED = re.compile(rb"^[ \t]*/", re.MULTILINE)
+_STATED = {
+    "scale": "units", "absolute": "distance", "plane": "plane", "feed_mode": "feed-mode",
+    "initial_level": "retract",
+}  # fmt: skip
+"""Modal group of each state that a line gives."""
+_DELETED, _REMARK = re.compile(rb"^[ \t]*/", re.MULTILINE), re.compile(rb"[(;]")
 
 
 class Region(NamedTuple):
@@ -166,6 +171,8 @@ class Writer:
         self._probed = 0
         self._ended = False
         self._mist = self._flood = False
+        self._run: list[Straights] = []
+        self._run_mark: ExecutedLines | None = None
         self._masks: tuple[Window | None, NDArray[np.bool_]] = (None, np.empty(0, np.bool_))
 
     def text(self) -> bytes:
@@ -189,11 +196,12 @@ class Writer:
                 continue
             self._executed(block, list(self._elements.of(pending)))
             pending.clear()
+        self._write_run()
         if pending and self._before is not None:
             self._write_elements(self._before, list(self._elements.of(pending)))
-        if not self._ended:
-            self._put(self.target.ends())
-            self.notes.add("added", f"{self.target.ends()} at the end", self._line - 1)
+        if not self._ended and (end := self.target.ends()):
+            self._put(end)
+            self.notes.add("added", f"{end} at the end", self._line - 1)
         if self.target.rules.flavour == "macro-b":
             self._put("%")
 
@@ -202,9 +210,14 @@ class Writer:
         self._origins.setdefault(mark.offsets.system, mark.offsets.origin)
         if before is None:
             return
-        first = self._line
         count = mark.last - mark.line + 1
         is_run = count > 1
+        if self.fit.curves != "lines":
+            if is_run or self._only_moves(before, mark, elements):
+                self._gather(mark, elements)
+                return
+            self._write_run()
+        first = self._line
         if is_run or self._keeps(before, mark, elements):
             if is_run:
                 self._keep_run(before, mark)
@@ -227,7 +240,9 @@ class Writer:
     def bulk(self, window: Window, index: int, end: int) -> int:
         """Return how many lines of a window can be kept together."""
         before = self._before
-        if before is None or not self.target.takes_runs or self.fit.curves != "lines":
+        if before is None or not self.target.takes_runs:
+            return 0
+        if self.fit.curves != "lines" and before.modal.motion != G.G1:
             return 0
         modal, state = before.modal, self._state
         if (
@@ -248,26 +263,33 @@ class Writer:
         if self._masks[0] is window:
             return self._masks[1]
         lines, words = window.sorted.lines, window.sorted.words
+        only_moves = self.fit.curves != "lines"
+        others = "NF" if only_moves else "NFSIJKR"
         letters = np.zeros(256, np.bool_)
-        letters[[ord(letter) for letter in set("NFSIJKR") | self.target.rules.axes]] = True
+        letters[[ord(letter) for letter in set(others) | self.target.rules.axes]] = True
+        g, m = (
+            (frozenset((10,)), frozenset())
+            if only_moves
+            else (self.target.bulk_g, self.target.bulk_m)
+        )
         letter = words.letter.astype(np.int64)
         good = letters[letter]
         tenths = np.round(words.number * 10.0)
-        for name, codes in (("G", self.target.bulk_g), ("M", [10 * m for m in self.target.bulk_m])):
+        for name, codes in (("G", g), ("M", frozenset(10 * code for code in m))):
             own = letter == ord(name)
             good[own] = np.isin(tenths[own], list(codes))
         bad = np.concatenate(([0], np.cumsum(~good)))
         first = lines.first
         mask: NDArray[np.bool_] = (bad[first[1:]] == bad[first[:-1]])[: window.count]
-        if b"/" in window.data:
-            begins = window.places[0]
-            for at in _DELETED.finditer(window.data):
+        begins = window.places[0]
+        for pattern in (_DELETED, *((_REMARK,) if only_moves else ())):
+            for at in pattern.finditer(window.data):
                 mask[int(np.searchsorted(begins, at.start(), side="right")) - 1] = False
         self._masks = window, mask
         return mask
 
     def _keep_run(self, before: ExecutedLines, mark: ExecutedLines) -> None:
-        words = self._missing(before.modal, (), None)
+        words = self._missing(before.modal, (), before.offsets)
         modal = before.modal
         if modal.motion is not None and modal.motion != self._state.motion:
             words.append(f"G{modal.motion.code:g}")
@@ -291,7 +313,7 @@ class Writer:
 
     def _system(self, system: int) -> int | None:
         """Return the coordinate system for one of the program; None where there is none."""
-        plain = system < min(self.target.source.systems, self.target.rules.systems)
+        plain = system < min(self.target.source.systems, self.target.systems)
         return system if plain else self.systems.get(system)
 
     def _keeps(self, before: ExecutedLines, mark: ExecutedLines, elements: list[Block]) -> bool:
@@ -341,7 +363,12 @@ class Writer:
         if not all(word.letter == "N" for word in words):
             modal = before.modal
             letters = {word.letter for word in words}
-            missing = self._missing(modal, words, mark) if letters & _PLACES else []
+            is_cycle = mark.modal.motion not in (None, *PLAIN_MOTIONS)
+            missing = (
+                self._missing(modal, words, before.offsets, is_cycle=is_cycle)
+                if letters & _PLACES
+                else []
+            )
             at_feed = any(
                 isinstance(element, ArcFeed | NurbsFeed)
                 or (isinstance(element, Straights) and not np.isnan(element.feeds).all())
@@ -365,52 +392,75 @@ class Writer:
                 at = head.end() if head else 0
                 text = text[:at] + code + text[at:]
         self._put_bytes(text)
-        self._adopt(mark)
+        self._adopt(mark, words)
         if any(word.letter == "G" and word.tenths == 800 for word in words):
             self._state.motion = _UNKNOWN
         if any(word.letter == "G" and word.tenths == 100 for word in words):
             self._origins[mark.offsets.system] = mark.offsets.origin
 
-    def _adopt(self, mark: ExecutedLines) -> None:
-        """Take the state behind a line that was kept."""
+    def _adopt(self, mark: ExecutedLines, words: tuple[Word, ...] | None = None) -> None:
+        """Take the state behind a line with these words that was kept; None for many lines.
+
+        What neither the line nor an earlier one states, depends on the control.
+        """
         modal, state = mark.modal, self._state
-        for name in (
-            "motion", "plane", "scale", "absolute", "arc_absolute", "feed_mode", "feed",
-            "initial_level", "speed", "tool",
-        ):  # fmt: skip
+        for name, group in _STATED.items():
+            if (
+                words is None
+                or getattr(state, name) is not _UNKNOWN
+                or self.target.in_group(words, group)
+            ):
+                setattr(state, name, getattr(modal, name))
+        for name in ("motion", "arc_absolute", "feed", "speed", "tool"):
             setattr(state, name, getattr(modal, name))
-        state.system = self._system(mark.offsets.system)
+        if words is None or state.system is not _UNKNOWN or self.target.in_group(words, "system"):
+            state.system = self._system(mark.offsets.system)
         self._shift, self._tool = mark.offsets.shift, mark.offsets.tool
 
     def _missing(
-        self, modal: ModalState, words: tuple[Any, ...], mark: ExecutedLines | None
+        self,
+        modal: ModalState,
+        words: tuple[Word, ...],
+        offsets: Offsets,
+        *,
+        is_cycle: bool = False,
     ) -> list[str]:
-        """Return the codes of the program's state that the control does not have."""
-        state, given = self._state, self.target.in_group
-        missing = []
-        if modal.scale != state.scale and not given(words, "units"):
-            missing.append("G21" if modal.scale == 1.0 else "G20")
-        if modal.absolute != state.absolute and not given(words, "distance"):
-            missing.append("G90" if modal.absolute else "G91")
-        if modal.plane != state.plane and not given(words, "plane"):
-            missing.append(f"G{PLANE_CODES[modal.plane].code:g}")
-        if modal.arc_absolute != state.arc_absolute and not given(words, "arc-distance"):
-            missing.append("G90.1" if modal.arc_absolute else "G91.1")
-        if modal.feed_mode != state.feed_mode and not given(words, "feed-mode"):
-            missing.append(_FEED_CODES[modal.feed_mode])
-        before = self._before if mark is None else None
-        system = None if before is None else self._system(before.offsets.system)
-        if mark is not None and not given(words, "system"):
-            system = self._system(mark.offsets.system)
-        if system is not None and system != state.system:
-            missing.append(numbers.SYSTEMS[system])
-        is_cycle = mark is not None and mark.modal.motion not in (None, *PLAIN_MOTIONS)
-        if is_cycle and modal.initial_level != state.initial_level and not given(words, "retract"):
-            missing.append("G98" if modal.initial_level else "G99")
-        codes = self.target.rules.g
-        return [
-            code for code in missing if G(round(10 * float(code[1:]))) in codes or code == "G91.1"
+        """Return codes of the state that a line counts on and the control does not have.
+
+        They are taken for written.
+
+        Args:
+            modal: The state before the line.
+            words: Its words.
+            offsets: The offsets.
+            is_cycle: Whether it is a canned cycle.
+        """
+        state, codes = self._state, self.target.rules.g
+        system = self._system(offsets.system)
+        wanted = [
+            ("scale", "units", modal.scale, "G21" if modal.scale == 1.0 else "G20"),
+            ("absolute", "distance", modal.absolute, "G90" if modal.absolute else "G91"),
+            ("plane", "plane", modal.plane, f"G{PLANE_CODES[modal.plane].code:g}"),
+            (
+                "arc_absolute",
+                "arc-distance",
+                modal.arc_absolute,
+                "G90.1" if modal.arc_absolute else "G91.1",
+            ),
+            ("feed_mode", "feed-mode", modal.feed_mode, _FEED_CODES[modal.feed_mode]),
         ]
+        if system is not None:
+            wanted.append(("system", "system", system, numbers.SYSTEMS[system]))
+        if is_cycle:
+            level = modal.initial_level
+            wanted.append(("initial_level", "retract", level, "G98" if level else "G99"))
+        missing = []
+        for name, group, value, code in wanted:
+            if value != getattr(state, name) and not self.target.in_group(words, group):
+                setattr(state, name, value)
+                if G(round(10 * float(code[1:]))) in codes:
+                    missing.append(code)
+        return missing
 
     @staticmethod
     def _feed_number(modal: ModalState) -> float:
@@ -499,7 +549,7 @@ class Writer:
         if state.feed_mode != "per-minute" and G.G94 in has:
             words.append("G94")
         system = self._system_for(mark)
-        if system is not None and system != state.system:
+        if system != state.system and self.target.systems > 1:
             words.append(numbers.SYSTEMS[system])
         state.scale, state.absolute, state.feed_mode = scale, True, "per-minute"
         state.system = system
@@ -510,7 +560,7 @@ class Writer:
         if offsets.tool != self._tool and G.G43_1 in has:
             self._write_tool_length(mark)
 
-    def _system_for(self, mark: ExecutedLines) -> int | None:
+    def _system_for(self, mark: ExecutedLines) -> int:
         """Return the coordinate system for that of the program."""
         index = mark.offsets.system
         system = self._system(index)
@@ -519,16 +569,14 @@ class Writer:
                 message = f"{numbers.SYSTEMS[system]} already stands for another system"
                 raise self._cannot(mark, message, "number the work offsets anew")
             return system
-        if not any(code in self.target.rules.g for code in (G.G54,)):
-            return None
-        used = set(self.systems.values()) | {place for place in self._origins if place < 9}
-        free = [place for place in range(self.target.rules.systems) if place not in used]
+        used = set(self.systems.values()) | (set(self._origins) - {index})
+        free = [place for place in range(self.target.systems) if place not in used]
         if not free:
             raise self._cannot(mark, "the control has no more work offsets", "use fewer of them")
         self.systems[index] = free[-1]
         source = self.target.source.systems
         name = f"G54.1 P{index - source + 1}" if index >= source else numbers.SYSTEMS[index]
-        there = numbers.SYSTEMS[free[-1]]
+        there = numbers.SYSTEMS[free[-1]] if self.target.systems > 1 else "the zero of the machine"
         self.notes.add("assumed", f"{name} becomes {there}: enter its offset there", mark.line)
         return free[-1]
 
@@ -574,34 +622,60 @@ class Writer:
     def _write_moves(self, mark: ExecutedLines, moves: Straights, *, is_last: bool) -> None:
         """Write straight moves."""
         self._sync(mark)
-        if self.fit.curves != "lines" and len(moves) >= SHORTEST_RUN:
-            feeds = np.nan_to_num(moves.feeds, nan=-1.0)
-            edges = (np.flatnonzero(feeds[1:] != feeds[:-1]) + 1).tolist()
-            for begin, end in pairwise([0, *edges, len(feeds)]):
-                self._write_run(mark, moves.part(begin, end), self._curves + begin)
-            return
         returns = self._returns(mark)
         for place, (end, feed) in enumerate(zip(moves.points, moves.feeds.tolist(), strict=True)):
             in_machine = returns and is_last and place == len(moves.feeds) - 1
             self._write_straight(mark, end, feed, in_machine=in_machine)
 
-    def _write_run(self, mark: ExecutedLines, moves: Straights, first: int) -> None:
-        """Write straight moves of one feed as curves within the tolerance.
+    # Short moves that are gathered to be written as curves
 
-        Args:
-            mark: Their line.
-            moves: The moves.
-            first: Number of the first one.
-        """
-        begin, feed = self._line, float(moves.feeds[0])
-        if math.isnan(feed) or len(moves) < SHORTEST_RUN:
-            for end in moves.points:
-                self._write_straight(mark, end, feed)
+    def _only_moves(
+        self, before: ExecutedLines, mark: ExecutedLines, elements: list[Block]
+    ) -> bool:
+        """Return whether a line has straight moves at feed and nothing else."""
+        statement = mark.statement
+        return (
+            statement is not None
+            and bool(elements)
+            and all(isinstance(element, Straights) for element in elements)
+            and self._keeps(before, mark, elements)
+            and not comments(mark.text.decode(errors="replace"))
+            and mark.modal.motion == G.G1
+            and mark.is_plain
+            and all(
+                word.letter in "NF" or word.letter in AXES or word.written in ("G1", "G01")
+                for word in statement.words
+            )
+        )
+
+    def _gather(self, mark: ExecutedLines, elements: list[Block]) -> None:
+        if not self._run:
+            self.written.append(Written(self._line, mark.file, mark.line, None, False))
+        self._run += [element for element in elements if isinstance(element, Straights)]
+        self._run_mark = mark
+        self.notes.expanded += mark.last - mark.line + 1
+
+    def _write_run(self) -> None:
+        """Write the moves that were gathered."""
+        mark, run = self._run_mark, self._run
+        if mark is None or not run:
             return
-        points = np.concatenate((self._position[None], moves.points))
-        for curve in curves_of(points, self.axes, self.fit):
-            self._write_turn(mark, curve, feed)
-        self.regions.append(Region(first, first + len(moves), begin, self._line - 1))
+        self._run = []
+        self._sync(mark)
+        points = np.concatenate([moves.points for moves in run])
+        feeds = np.concatenate([moves.feeds for moves in run])
+        edges = (np.flatnonzero(feeds[1:] != feeds[:-1]) + 1).tolist()
+        for begin, end in pairwise([0, *edges, len(feeds)]):
+            first, line, feed = self._curves, self._line, float(feeds[begin])
+            if end - begin < SHORTEST_RUN:
+                for point in points[begin:end]:
+                    self._write_straight(mark, point, feed)
+            else:
+                places = np.concatenate((self._position[None], points[begin:end]))
+                for curve in curves_of(places, self.axes, self.fit):
+                    self._write_turn(mark, curve, feed)
+                self.regions.append(Region(first, first + end - begin, line, self._line - 1))
+            self._curves += end - begin
 
     def _returns(self, mark: ExecutedLines) -> bool:
         """Whether the last move of a line goes to a place in machine coordinates."""
@@ -765,7 +839,8 @@ class Writer:
             case Stop(pallet=False):
                 self._put("M1" if block.optional and 1 in rules.m else "M0")
             case End():
-                self._put(self.target.ends())
+                if end := self.target.ends():
+                    self._put(end)
                 self._ended = True
             case Message(text=text):
                 is_active = rules.name in ("linuxcnc", "mach3", "grbl")

@@ -88,7 +88,7 @@ def test_loops_and_calls_stay_where_the_flow_is_the_same(converted: Convert) -> 
     ("to", "wanted"),
     [
         ("fanuc", "G1 X10. Y-2.5 (x)"), ("haas", "G1 X10. Y-2.5 (x)"),
-        ("siemens", "G1 X10 Y-2.5 ; x"), ("marlin", "G1 X10 Y-2.5 ; x"), ("mach3", "G1 X10 Y-2.5 (x)"),
+        ("siemens", "G1 X10 Y-2.5 ;x"), ("marlin", "G1 X10 Y-2.5 ;x"), ("mach3", "G1 X10 Y-2.5 (x)"),
     ],
 )  # fmt: skip
 def test_the_spelling_is_that_of_the_control(
@@ -259,7 +259,7 @@ def test_a_program_that_counts_from_where_it_stands_is_refused(converted: Conver
 @pytest.mark.parametrize(
     "spoil",
     [
-        lambda text: text.replace(b"X3.", b"X3.002"),
+        lambda text: text.replace(b"X4.", b"X4.002"),
         lambda text: text.replace(b"F100", b"F101"),
         lambda text: text.replace(b"M8\n", b""),
         lambda text: text.replace(b"I1.", b"I1.002"),
@@ -274,7 +274,7 @@ def test_a_program_that_counts_from_where_it_stands_is_refused(converted: Conver
 def test_each_difference_stops_the_conversion(
     converted: Convert, monkeypatch: pytest.MonkeyPatch, spoil: Callable[[bytes], bytes]
 ) -> None:
-    text = "G21 G90 G55\nS900 M3\nM8\nG0 X1. Y2. Z1.\nG1 X2. F100\nG2 X3. Y2. I1. J0.\nG4 X0.5\nM0\nG0 Z9.\nM30\n"
+    text = "G21 G90 G55\nS900 M3\nM8\nG0 X1. Y2. Z1.\nG1 X2. F100\nG2 X4. Y2. I1. J0.\nG4 X0.5\nM0\nG0 Z9.\nM30\n"
     good = converted(text, "fanuc", "grbl").text
     assert spoil(good) != good
     monkeypatch.setattr(writer.Writer, "text", lambda _: spoil(good))
