@@ -34,12 +34,14 @@ class Curve(NamedTuple):
         plane: Plane of an arc; None for a straight move.
         center: Centre in its two axes, mm.
         counter_clockwise: Its direction.
+        moves: Number of moves that it stands for.
     """
 
     end: Floats
     plane: Plane | None = None
     center: tuple[float, float] = (0.0, 0.0)
     counter_clockwise: bool = True
+    moves: int = 1
 
 
 @dataclass(frozen=True)
@@ -89,10 +91,11 @@ def curves_of(points: Floats, axes: tuple[str, ...], fit: FitTo) -> Iterator[Cur
     count = len(steps)
     end, plane, arc = np.empty(count, np.int64), np.empty(count, np.int64), np.empty((count, 3))
     made = fit_fewest(placed, cuts, ~rotates, limits, end, plane, arc)
+    moves = np.diff(end[:made], prepend=0).tolist()
     for k in range(made):
         there = points[end[k]]
         if plane[k] == STRAIGHT:
-            yield Curve(there)
+            yield Curve(there, moves=moves[k])
         else:
             x, y, sweep = arc[k].tolist()
-            yield Curve(there, PLANES[int(plane[k])], (x, y), sweep > 0.0)
+            yield Curve(there, PLANES[int(plane[k])], (x, y), sweep > 0.0, moves[k])

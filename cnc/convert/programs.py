@@ -145,7 +145,9 @@ class _Conversion:
     ) -> None:
         self._name, self._path, self._machine, self._fit = name, path, machine, fit
         self._dialect: DialectName = dialect or machine.program.dialect
-        source = self._reader(path, self._dialect, 0, {}).rules()
+        self._known: ProgramReader | None = None
+        self._known = self._reader(path, self._dialect, 0, {})
+        source = self._known.rules()
         self._target = Target(dialects.load(to), source)
         self._to = to
 
@@ -155,7 +157,7 @@ class _Conversion:
         machine = self._machine
         saved = SavedState(machine)
         saved.adopt(offsets)
-        return ProgramReader(
+        reader = ProgramReader(
             self._name,
             path,
             machine,
@@ -165,6 +167,9 @@ class _Conversion:
             lambda _: None,
             reading_policy(OPTIONS, machine, None),
         )
+        if self._known is not None and path == self._path:
+            reader.recognition, reader.evidence = self._known.recognition, self._known.evidence
+        return reader
 
     def run(self) -> Converted:
         """Write and prove until both programs are the same."""

@@ -23,6 +23,7 @@ from cnc.convert.target import Target
 from cnc.convert.writer import Region
 from cnc.model import parameter_numbers as numbers
 from cnc.model.blocks import (
+    PLANE_AXES,
     AnalogOutput,
     ArcFeed,
     Block,
@@ -331,8 +332,52 @@ def _region(one: _Cursor, other: _Cursor, region: Region, axes: tuple[str, ...])
     feeds = [_feeds(elements) for elements in (of_program, of_result)]
     if not of_result or not np.allclose(feeds[0], feeds[1], rtol=SAME_FEED, atol=0.0):
         raise Differs(begin, of_result[0] if of_result else None, "the feeds differ")
+    if len(of_result) == 1 and all(isinstance(element, Straights) for element in of_program):
+        points = np.concatenate([start[None], *(moves.points for moves in of_program)])
+        return _from_curve(points, of_result[0], axes)
     tracks = [_track(elements, start, axes) for elements in (of_program, of_result)]
     return farthest(*tracks).distance
+
+
+PARTS = 8
+"""Places on each straight move at which its distance is measured."""
+
+
+def _from_curve(points: Floats, curve: Block, axes: tuple[str, ...]) -> float:
+    """Return the distance of straight moves through points from one curve of the result, mm.
+
+    The places on the moves must follow each other on the curve, and both ends are compared. So the
+    distance is that of the curve from the moves, too.
+
+    Args:
+        points: Points (n, axes) from the start on.
+        curve: An arc, or a straight move.
+        axes: Letters of the axes.
+    """
+    share = np.arange(PARTS) / PARTS
+    steps = np.diff(points, axis=0)
+    places = points[:-1, None] + share[None, :, None] * steps[:, None]
+    places = np.concatenate((places.reshape(-1, points.shape[1]), points[-1:]))
+    end = curve.points[-1] if isinstance(curve, Straights) else getattr(curve, "end", points[-1])
+    apart = float(np.linalg.norm(points[-1] - end))
+    if not isinstance(curve, ArcFeed):
+        way = end - points[0]
+        along = (places - points[0]) @ way / max(float(way @ way), 1e-300)
+        on_curve = points[0] + np.clip(along, 0.0, 1.0)[:, None] * way
+        length = float(np.linalg.norm(way))
+    else:
+        i, j = (axes.index(axis) for axis in PLANE_AXES[curve.plane])
+        x, y = places[:, i] - curve.center[0], places[:, j] - curve.center[1]
+        turned = np.unwrap(np.arctan2(y, x))
+        along = (turned - turned[0]) / (2.0 * math.pi * curve.turns)
+        on_curve = points[0] + np.clip(along, 0.0, 1.0)[:, None] * (end - points[0])
+        angle = turned[0] + np.clip(along, 0.0, 1.0) * 2.0 * math.pi * curve.turns
+        on_curve[:, i] = curve.center[0] + curve.radius * np.cos(angle)
+        on_curve[:, j] = curve.center[1] + curve.radius * np.sin(angle)
+        length = 2.0 * math.pi * curve.radius * abs(curve.turns)
+    # A way back is as far from the curve as it is long.
+    back = float((np.maximum.accumulate(along) - along).max()) * length
+    return max(apart, back, float(np.linalg.norm(places - on_curve, axis=1).max()))
 
 
 def _curves(cursor: _Cursor, last: int) -> Iterator[Block]:

@@ -666,16 +666,19 @@ class Writer:
         feeds = np.concatenate([moves.feeds for moves in run])
         edges = (np.flatnonzero(feeds[1:] != feeds[:-1]) + 1).tolist()
         for begin, end in pairwise([0, *edges, len(feeds)]):
-            first, line, feed = self._curves, self._line, float(feeds[begin])
+            feed = float(feeds[begin])
             if end - begin < SHORTEST_RUN:
                 for point in points[begin:end]:
                     self._write_straight(mark, point, feed)
-            else:
-                places = np.concatenate((self._position[None], points[begin:end]))
-                for curve in curves_of(places, self.axes, self.fit):
-                    self._write_turn(mark, curve, feed)
-                self.regions.append(Region(first, first + end - begin, line, self._line - 1))
-            self._curves += end - begin
+                self._curves += end - begin
+                continue
+            places = np.concatenate((self._position[None], points[begin:end]))
+            for curve in curves_of(places, self.axes, self.fit):
+                first, line = self._curves, self._line
+                self._write_turn(mark, curve, feed)
+                self._curves += curve.moves
+                if curve.moves > 1 or curve.plane is not None:
+                    self.regions.append(Region(first, self._curves, line, self._line - 1))
 
     def _returns(self, mark: ExecutedLines) -> bool:
         """Whether the last move of a line goes to a place in machine coordinates."""

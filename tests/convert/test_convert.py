@@ -62,7 +62,10 @@ def moves(path: Path, dialect: DialectName) -> np.ndarray:
 
 
 def test_lines_with_the_same_meaning_stay_as_they_are(converted: Convert) -> None:
-    text = "N10 G90 G21 (safe line)\nN20 G0 X1. Y2.\n\nN30 G1 Z-1. F100 (cut)\nN40 G2 X3. I1.\nN50 M30\n"
+    text = (
+        "N10 G90 G21 (safe line)\nN20 G0 X1. Y2.\n\n"
+        "N30 G1 Z-1. F100 (cut)\nN40 G2 X3. I1.\nN50 M30\n"
+    )
     result = converted(text, "fanuc", "grbl")
     assert result.text.decode() == text.replace("N20 G0", "G17 G94 G54\nN20 G0")
     assert (result.notes.kept, result.notes.expanded) == (6, 0)
@@ -75,7 +78,10 @@ def test_cycles_and_offsets_stay_where_the_control_has_them(converted: Convert) 
 
 
 def test_loops_and_calls_stay_where_the_flow_is_the_same(converted: Convert) -> None:
-    text = "%\nO0001\nG21 G90 G94 G17\nG0 Z5.\n#1=0\nWHILE[#1 LT 3]DO1\nG0 X#1\n#1=#1+1\nEND1\nM30\n%\n"
+    text = (
+        "%\nO0001\nG21 G90 G94 G17\nG0 Z5.\n#1=0\nWHILE[#1 LT 3]DO1\n"
+        "G0 X#1\n#1=#1+1\nEND1\nM30\n%\n"
+    )
     result = converted(text, "fanuc", "haas")
     assert result.text.decode() == text
     assert (
@@ -88,7 +94,8 @@ def test_loops_and_calls_stay_where_the_flow_is_the_same(converted: Convert) -> 
     ("to", "wanted"),
     [
         ("fanuc", "G1 X10. Y-2.5 (x)"), ("haas", "G1 X10. Y-2.5 (x)"),
-        ("siemens", "G1 X10 Y-2.5 ;x"), ("marlin", "G1 X10 Y-2.5 ;x"), ("mach3", "G1 X10 Y-2.5 (x)"),
+        ("siemens", "G1 X10 Y-2.5 ;x"), ("marlin", "G1 X10 Y-2.5 ;x"),
+        ("mach3", "G1 X10 Y-2.5 (x)"),
     ],
 )  # fmt: skip
 def test_the_spelling_is_that_of_the_control(
@@ -119,7 +126,10 @@ def test_a_drilling_cycle_becomes_its_moves(converted: Convert) -> None:
 def test_a_pattern_that_is_rotated_has_the_places_of_a_rotation(
     converted: Convert, tmp_path: Path
 ) -> None:
-    text = "G90 G21 G17 G94 G54\nG0 X0. Y0. Z5.\nG68 X10. Y0. R30.\nG0 X20. Y0.\nG1 X20. Y5. F100.\nG69\nM30\n"
+    text = (
+        "G90 G21 G17 G94 G54\nG0 X0. Y0. Z5.\nG68 X10. Y0. R30.\nG0 X20. Y0.\n"
+        "G1 X20. Y5. F100.\nG69\nM30\n"
+    )
     file = tmp_path / "out.nc"
     file.write_bytes(converted(text, "fanuc", "grbl").text)
     angle = np.radians(30.0)
@@ -131,7 +141,10 @@ def test_a_pattern_that_is_rotated_has_the_places_of_a_rotation(
 def test_cutter_compensation_becomes_the_offset_path(converted: Convert, tmp_path: Path) -> None:
     table = tmp_path / "tool.tbl"
     table.write_text("T1 P1 D6\n")
-    text = "T1 M6\nG90 G21 G17 G94 G54\nG0 X-20. Y-20.\nG41 D1 G1 X0. Y-10. F100.\nY30.\nX40.\nG40 G0 X60. Y50.\nM30\n"
+    text = (
+        "T1 M6\nG90 G21 G17 G94 G54\nG0 X-20. Y-20.\nG41 D1 G1 X0. Y-10. F100.\n"
+        "Y30.\nX40.\nG40 G0 X60. Y50.\nM30\n"
+    )
     file = tmp_path / "in.nc"
     file.write_text(text)
     machine = MACHINE.model_copy(
@@ -173,7 +186,10 @@ def test_moves_to_zero_are_written_although_the_machine_could_stand_there(
 
 
 def test_a_spline_becomes_arcs_within_the_tolerance(converted: Convert, tmp_path: Path) -> None:
-    text = "G21 G90 G17 G94 G54\nG0 X0 Y0 Z0\nF600\nG5.2 X0 Y10 P1 L3\nX20 Y30 P1\nX40 Y0 P2\nX50 Y20 P1\nG5.3\nM2\n"
+    text = (
+        "G21 G90 G17 G94 G54\nG0 X0 Y0 Z0\nF600\nG5.2 X0 Y10 P1 L3\nX20 Y30 P1\n"
+        "X40 Y0 P2\nX50 Y20 P1\nG5.3\nM2\n"
+    )
     tolerance = 0.02
     result = converted(text, "linuxcnc", "grbl", tolerance=tolerance)
     assert 0.0 < result.of_curves <= tolerance
@@ -274,7 +290,10 @@ def test_a_program_that_counts_from_where_it_stands_is_refused(converted: Conver
 def test_each_difference_stops_the_conversion(
     converted: Convert, monkeypatch: pytest.MonkeyPatch, spoil: Callable[[bytes], bytes]
 ) -> None:
-    text = "G21 G90 G55\nS900 M3\nM8\nG0 X1. Y2. Z1.\nG1 X2. F100\nG2 X4. Y2. I1. J0.\nG4 X0.5\nM0\nG0 Z9.\nM30\n"
+    text = (
+        "G21 G90 G55\nS900 M3\nM8\nG0 X1. Y2. Z1.\nG1 X2. F100\n"
+        "G2 X4. Y2. I1. J0.\nG4 X0.5\nM0\nG0 Z9.\nM30\n"
+    )
     good = converted(text, "fanuc", "grbl").text
     assert spoil(good) != good
     monkeypatch.setattr(writer.Writer, "text", lambda _: spoil(good))
