@@ -332,8 +332,11 @@ def _region(one: _Cursor, other: _Cursor, region: Region, axes: tuple[str, ...])
     feeds = [_feeds(elements) for elements in (of_program, of_result)]
     if not of_result or not np.allclose(feeds[0], feeds[1], rtol=SAME_FEED, atol=0.0):
         raise Differs(begin, of_result[0] if of_result else None, "the feeds differ")
-    if len(of_result) == 1 and all(isinstance(element, Straights) for element in of_program):
-        points = np.concatenate([start[None], *(moves.points for moves in of_program)])
+    if len(of_result) == 1 and not any(
+        isinstance(curve, ArcFeed | NurbsFeed) for curve in of_program
+    ):
+        moves = [element for element in of_program if isinstance(element, Straights)]
+        points = np.concatenate([start[None], *(run.points for run in moves)])
         return _from_curve(points, of_result[0], axes)
     tracks = [_track(elements, start, axes) for elements in (of_program, of_result)]
     return farthest(*tracks).distance

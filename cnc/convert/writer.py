@@ -437,7 +437,7 @@ class Writer:
         """
         state, codes = self._state, self.target.rules.g
         system = self._system(offsets.system)
-        wanted = [
+        wanted: list[tuple[str, str, object, str]] = [
             ("scale", "units", modal.scale, "G21" if modal.scale == 1.0 else "G20"),
             ("absolute", "distance", modal.absolute, "G90" if modal.absolute else "G91"),
             ("plane", "plane", modal.plane, f"G{PLANE_CODES[modal.plane].code:g}"),
@@ -611,7 +611,8 @@ class Writer:
 
     def _zero(self, mark: ExecutedLines) -> NDArray[np.float64]:
         """Return the machine position of the control's program zero (axes,)."""
-        return np.array(mark.offsets.origin) + np.array(self._shift) + np.array(self._tool)
+        parts = (mark.offsets.origin, self._shift, self._tool)
+        return np.array([sum(values) for values in zip(*parts, strict=True)])
 
     def _number(self, axis: str, value: float) -> str:
         if axis in ROTARY_LETTERS:
