@@ -353,7 +353,7 @@ class ConvertOptions:
         ),
     ] = 0.01
     curves: Annotated[
-        Curves, option("How short straight moves are written: lines, arcs or nurbs.")
+        Curves, option("How short straight moves are written: as they are, or as arcs.")
     ] = "lines"
 
     def output(self, program: str) -> str:

@@ -6,6 +6,7 @@ import re
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from cnc.convert.proof import (
     made_up_start,
     with_other_systems,
 )
-from cnc.convert.target import Target
+from cnc.convert.target import Target, without_comments
 from cnc.convert.writer import Notes, Writer, Written
 from cnc.gcode import dialects
 from cnc.gcode.core.line_trace import LineTrace
@@ -190,6 +191,7 @@ class _Conversion:
                 continue
             if of_curves > self._fit.tolerance:
                 raise self._differs(0, f"curves are {of_curves:.4g} mm apart")
+            self._note_others(writer)
             return self._result(text, kept, of_curves, writer.notes)
         raise self._differs(0, "no text was found that moves the machine alike")
 
@@ -228,6 +230,25 @@ class _Conversion:
     def _result(self, text: bytes, apart: float, of_curves: float, notes: Notes) -> Converted:
         lines = text.count(b"\n")
         return Converted(text, self._target.source.name, self._to, lines, apart, of_curves, notes)
+
+    def _note_others(self, writer: Writer) -> None:
+        """Note the lines with code that were not executed, and so are left out."""
+        after = 0
+        lines = Text.of_file(self._path, self._name)
+        gaps = []
+        for first, last in sorted(writer.executed):
+            if first > after + 1:
+                gaps.append(range(after + 1, first))
+            after = max(after, last)
+        while (window := lines.window(after + 1)) is not None:
+            end = window.first + window.count
+            gaps.append(range(after + 1, end))
+            after = end - 1
+        for line in chain.from_iterable(gaps):
+            found = lines.window(line)
+            text = "" if found is None else without_comments(found.text(line - found.first))
+            if text.strip(" \t%\0\x1a"):
+                writer.notes.add("left out", "lines that are never executed", line)
 
     def _proved(self, writer: Writer, text: bytes) -> tuple[float, float]:
         """Return the largest distances of moves and curves; raise if both programs differ."""

@@ -141,9 +141,7 @@ class _Cursor:
         """Whether an action means something on the target."""
         if isinstance(element, PathMode):
             rules, before = self._target.rules.motion, self._path
-            if not self._target.path_codes:
-                return False
-            if element.control == "exact-path" and rules.path_stop == "exact-stop":
+            if not self._target.path_code(element.control):
                 return False
             tolerance = element.tolerance if "P" in rules.path_words else 0.0
             self._path = element.control, tolerance

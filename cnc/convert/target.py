@@ -6,11 +6,13 @@ import re
 from collections.abc import Container
 from dataclasses import dataclass, field
 
+from cnc.gcode.core.coordinates import SYSTEM_CODES
 from cnc.gcode.core.modal_groups import GROUP_OF_G, GROUP_OF_M
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.reader.statements import Statement
 from cnc.gcode.reader.words import G, Word
 from cnc.grbl_lines.number_format import plain_text
+from cnc.model.blocks import PathControl
 
 # Codes that mean the same in every dialect that has them. The proof compares the motion; this table
 # is about what no block shows: a stored position, a memory of the control, an operator's action.
@@ -34,7 +36,8 @@ _FAMILIES = {
 _FLOW = {"fanuc": "macro-b", "haas": "macro-b", "linuxcnc": "ngc", "auto": "ngc"}
 """Language of loops, branches and calls by dialect; that of others is their own."""
 _FLOW_G, _FLOW_M = frozenset((G.G65, G.G66, G.G67)), frozenset((97, 98, 99))
-_WITHOUT_TABLES = ("siemens", "fagor", "marlin", "grbl")
+_WITHOUT_TABLES = ("siemens", "fagor", "marlin")
+"""Dialects whose G43 and G41 take no number of an offset, and whose cycles are others."""
 
 _NO_COMMANDS = bytes.maketrans(b"!?~" + bytes(range(128, 256)), b"..-" + 128 * b".")
 """GRBL takes these bytes for commands, even in a comment."""
@@ -70,7 +73,7 @@ class Target:
         own = _FAMILIES.get(source.name, source.name)
         self.same_family = own == _FAMILIES.get(rules.name, rules.name)
         shared = _SHARED_G
-        if source.name not in _WITHOUT_TABLES:
+        if source.name not in _WITHOUT_TABLES and rules.name not in _WITHOUT_TABLES:
             shared = shared | _CYCLES | _WITH_TABLES
         if source.dwell == rules.dwell:
             shared = shared | {G.G4}
@@ -151,10 +154,14 @@ class Target:
         """Whether the control has M6."""
         return 6 in self.rules.m
 
-    @property
-    def path_codes(self) -> bool:
-        """Whether the control has G64 or G61.1."""
-        return G.G64 in self.rules.g
+    def path_code(self, control: PathControl) -> str:
+        """Return the code of a path mode; empty where the control has none."""
+        has = self.rules.g
+        if control == "exact-stop" and G.G61_1 in has:
+            return "G60" if self.rules.name == "siemens" else "G61.1"
+        code, g = ("G64", G.G64) if control == "blend" else ("G61", G.G61)
+        says_it = control == "blend" or (control == self.rules.motion.path_stop and G.G64 in has)
+        return code if says_it and g in has else ""
 
     def spelled(self, text: bytes) -> bytes:
         """Return lines of the program as this control reads them: comments, decimal points."""
@@ -203,8 +210,11 @@ class Target:
 
     @property
     def systems(self) -> int:
-        """Number of coordinate systems."""
-        return self.rules.systems if G.G54 in self.rules.g else 1
+        """Number of coordinate systems: G54 and those that follow it, or one without a code."""
+        count = 0
+        while count < len(SYSTEM_CODES) and SYSTEM_CODES[count] in self.rules.g:
+            count += 1
+        return max(count, 1)
 
     def ends(self) -> str:
         """Return the line that ends a program; empty where the text ends it."""

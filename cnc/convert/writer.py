@@ -146,6 +146,7 @@ class Writer:
         regions: Curves that were written within the tolerance.
         written: The lines by the lines of the program.
         systems: Coordinate system of each system of the program, by index.
+        executed: First and last line of lines of the program that were executed.
     """
 
     def __init__(
@@ -156,6 +157,8 @@ class Writer:
         self.regions: list[Region] = []
         self.written: list[Written] = []
         self.systems: dict[int, int] = {}
+        self.executed: list[tuple[int, int]] = []
+        self._file = ""
         self._parts: list[bytes] = []
         self._line = 1
         self._label = b""
@@ -209,7 +212,10 @@ class Writer:
         before, self._before = self._before, mark
         self._origins.setdefault(mark.offsets.system, mark.offsets.origin)
         if before is None:
+            self._file = mark.file
             return
+        if mark.file == self._file:
+            self.executed.append((mark.line, mark.last))
         count = mark.last - mark.line + 1
         is_run = count > 1
         if self.fit.curves != "lines":
@@ -515,10 +521,8 @@ class Writer:
                 self.notes.add("left out", f"{word.written} ({note.name})", mark.line)
             if word.letter == "G" and word.tenths in _STORED:
                 raise self._cannot(mark, f"{word.written} stores a position of the machine", "")
-        if statement.deletable and self.target.rules.name in ("grbl", "marlin"):
-            self.notes.add(
-                "assumed", "block delete is off: lines that begin with / stay", mark.line
-            )
+        if statement.deletable:
+            self.notes.add("assumed", "block delete is off: the line is always executed", mark.line)
         if mark.modal.motion in _TAPPING and self.target.rules.name in ("grbl", "marlin"):
             hint = "tap by hand, or mill the thread"
             raise self._cannot(mark, "the spindle does not follow the feed: no tapping", hint)
@@ -818,7 +822,7 @@ class Writer:
                 self._ended = True
             elif isinstance(element, Probe):
                 self._probed = element.line
-            elif isinstance(element, PathMode) and not self.target.path_codes:
+            elif isinstance(element, PathMode) and not self.target.path_code(element.control):
                 self._path_mode(element)
 
     def _path_mode(self, block: PathMode) -> None:
@@ -886,20 +890,16 @@ class Writer:
         self._state.tool = block.number
 
     def _write_path_mode(self, mark: ExecutedLines, block: PathMode) -> None:
-        motion = self.target.rules.motion
-        if not self.target.path_codes:
+        code = self.target.path_code(block.control)
+        if not code:
             self._path_mode(block)
-        elif block.control == "blend":
-            if block.tolerance and "P" not in motion.path_words:
+            return
+        if block.control == "blend" and block.tolerance:
+            if "P" in self.target.rules.motion.path_words:
+                code += f" P{number(block.tolerance / mark.modal.scale, 5)}"
+            else:
                 self.notes.add("assumed", "G64 has the control's own tolerance", block.line)
-            word = f" P{number(block.tolerance / mark.modal.scale, 5)}"
-            self._put("G64" + (word if block.tolerance and "P" in motion.path_words else ""))
-        elif block.control == motion.path_stop:
-            self._put("G61")
-        elif G.G61_1 in self.target.rules.g and block.control == "exact-stop":
-            self._put("G60" if self.target.rules.name == "siemens" else "G61.1")
-        else:
-            self._path_mode(block)
+        self._put(code)
 
     def _write_probe(self, mark: ExecutedLines, probe: Probe) -> None:
         kind = (2 if probe.must else 3) + (0 if probe.towards else 2)

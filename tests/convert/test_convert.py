@@ -17,6 +17,7 @@ from cnc.cli import exit_code
 from cnc.convert import programs, writer
 from cnc.convert.programs import Converted, convert
 from cnc.machine.load import load_machine
+from cnc.machine.models import Machine
 from cnc.model.blocks import ArcFeed, Dwell, NurbsFeed, Polyline, Stop
 from cnc.model.choices import Curves, DialectName, TargetName
 from cnc.model.diagnostics import CncError
@@ -139,20 +140,44 @@ def test_a_pattern_that_is_rotated_has_the_places_of_a_rotation(
     np.testing.assert_allclose(moves(file, "grbl")[-2:, :2], wanted, atol=1e-5)
 
 
+def with_tools(tmp_path: Path, table: str) -> Machine:
+    """Return the machine with a tool table."""
+    file = tmp_path / "tool.tbl"
+    file.write_text(table)
+    program = MACHINE.program.model_copy(update={"tool_table": file})
+    return MACHINE.model_copy(update={"program": program})
+
+
+def test_a_tool_length_is_that_of_the_table(tmp_path: Path) -> None:
+    file = tmp_path / "in.nc"
+    file.write_text("G21 G90\nT1 M6\nG43 H1 G0 Z50.\nX1.\nG49\nZ90.\nM30\n")
+    result = convert(str(file), with_tools(tmp_path, "T1 P1 Z12.5 D6\n"), "fanuc", "grbl")
+    assert lines(result)[-6:] == ["G43.1 Z12.5", "G0 Z50.", "X1.", "G49", "Z90.", "M30"]
+    assert ("assumed", "lengths of tools are those of the tool table") in result.notes.remarks
+
+
+def test_a_control_without_offset_numbers_gets_no_g43(converted: Convert) -> None:
+    result = converted("G21 G90\nG43 H1 G0 Z50.\nM30\n", "fanuc", "siemens")
+    assert b"G43" not in result.text
+
+
+def test_lines_that_are_left_out_or_may_be_skipped_are_reported(converted: Convert) -> None:
+    text = "G21 G90\n/G0 X1.\nG187 P1\nGOTO 9\nG0 X3.\n(note)\nN9 G0 X4.\nM30\nG0 X5.\n"
+    remarks = converted(text, "haas", "grbl").notes.remarks
+    assert remarks["assumed", "block delete is off: the line is always executed"] == [2]
+    assert remarks["left out", "G187 (smoothness of the path)"] == [3]
+    assert remarks["left out", "lines that are never executed"] == [5, 9]
+
+
 def test_cutter_compensation_becomes_the_offset_path(converted: Convert, tmp_path: Path) -> None:
-    table = tmp_path / "tool.tbl"
-    table.write_text("T1 P1 D6\n")
     text = (
         "T1 M6\nG90 G21 G17 G94 G54\nG0 X-20. Y-20.\nG41 D1 G1 X0. Y-10. F100.\n"
         "Y30.\nX40.\nG40 G0 X60. Y50.\nM30\n"
     )
     file = tmp_path / "in.nc"
     file.write_text(text)
-    machine = MACHINE.model_copy(
-        update={"program": MACHINE.program.model_copy(update={"tool_table": table})}
-    )
     out = tmp_path / "out.nc"
-    out.write_bytes(convert(str(file), machine, "linuxcnc", "grbl").text)
+    out.write_bytes(convert(str(file), with_tools(tmp_path, "T1 P1 D6\n"), "linuxcnc", "grbl").text)
     assert b"G41" not in out.read_bytes()
     points = moves(out, "grbl")[:, :2]
     # 3 mm left of X0 going up, and left of Y30 going right.
