@@ -885,7 +885,7 @@ class Writer:
         else:
             self._put(self.target.comment(f"TOOL {block.number}"))
             self._put("M0")
-            text = "tools are changed by hand at M0; set the zero of Z with each tool"
+            text = "tools are changed by hand at M0; lengths are those of the tool table, or 0"
             self.notes.add("assumed", text, block.line)
         self._state.tool = block.number
 
