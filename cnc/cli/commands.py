@@ -331,7 +331,7 @@ def format_programs(
     ] = None,
     terminal: TerminalOptions = TERMINAL,
 ) -> int:
-    """Write programs in one form: blanks, capitals, numbers, the order of words.
+    """Write programs in one form: blanks, numbers, order of words.
 
     Comments stay. The program is read in both forms: its blocks are the same to the bit.
     """
