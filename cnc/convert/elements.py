@@ -8,12 +8,11 @@ The writer and the proof count curves in this form, so that they mean the same o
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.gcode.core.line_trace import ExecutedLines
 from cnc.model.blocks import ArcFeed, Block, NurbsFeed, Polyline, Probe
 from cnc.model.motion_commands import places_of
 
@@ -117,8 +116,3 @@ def size(element: Block) -> int:
     if isinstance(element, Straights):
         return len(element)
     return int(isinstance(element, ArcFeed | NurbsFeed))
-
-
-def at_line(element: Block, line: int) -> Block:
-    """Return an element with another line, for messages."""
-    return element if isinstance(element, ExecutedLines) else replace(element, line=line)

@@ -298,7 +298,7 @@ class _Conversion:
 
     def _differs(self, line: int, what: str) -> CncError:
         message = f"{shown_name(self._name)} is not written for {self._to}: {what}"
-        hint = "give positions from the work zero (G90) before it, and levels that no offset decides"
+        hint = "give positions and levels from the work zero (G90) before this line"
         return CncError(Diagnostic("convert-differs", message, self._name, line, hint=hint))
 
 
