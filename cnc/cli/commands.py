@@ -34,6 +34,7 @@ from cnc.cli.options import (
     CheckFormat,
     CheckOptions,
     CommonOptions,
+    ConvertOptions,
     MachineOption,
     TerminalOptions,
     check_files,
@@ -359,6 +360,38 @@ def config(program: ProgramOption, /) -> int:
 
     print(*described(program), sep="\n")
     return 0
+
+
+@app.command(group=WRITE)
+def convert(
+    program: ProgramOption,
+    /,
+    *,
+    options: ConvertOptions,
+    machine: MachineOption = None,
+    dialect: Annotated[
+        DialectName | None,
+        option("How to read the program; by default as the machine file specifies."),
+    ] = None,
+    json: Annotated[
+        str | None, output("Write the report to FILE.json (- is standard output).")
+    ] = None,
+    terminal: TerminalOptions = TERMINAL,
+) -> int:
+    """Write the program of one control for another one.
+
+    The result is read back, and its motion is compared with that of the program. The report on
+    standard error has what was kept, expanded and assumed, and the largest distance.
+    """
+    file = options.output(program)
+    check_files((None if options.in_place else file, json, terminal.log), (machine, program))
+    terminal.open_log(machine, program)
+    load_library()
+    from cnc.cli import rewriting
+
+    return rewriting.convert_program(
+        program, file, options, machine, dialect, json, quiet=terminal.quiet
+    )
 
 
 @app.command(group=SET_UP)

@@ -13,7 +13,15 @@ from cyclopts import Parameter, validators
 
 import cnc
 from cnc.cli.messages import open_log
-from cnc.model.choices import Algorithm, DialectName, Interpolator, ToolLengths, UnknownCodes
+from cnc.model.choices import (
+    Algorithm,
+    Curves,
+    DialectName,
+    Interpolator,
+    TargetName,
+    ToolLengths,
+    UnknownCodes,
+)
 from cnc.model.diagnostics import Diagnostic, UsageError
 from cnc.model.operator_control import Control
 
@@ -332,6 +340,42 @@ class CheckOptions:
 def _split(listed: Sequence[str]) -> list[str]:
     """Return the items of lists that are separated by commas."""
     return [item for items in listed for item in items.split(",") if item]
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class ConvertOptions:
+    """Options of convert: the control, and the file of the result."""
+
+    to: Annotated[TargetName, option("The control to write the program for.")]
+    file: Annotated[
+        str | None,
+        Parameter(name=["--output", "-o"], help="The file to write; by default it is printed."),
+    ] = None
+    in_place: Annotated[bool, option("Write the program to its own file.")] = False
+    tolerance: Annotated[
+        float,
+        Parameter(
+            help="Largest distance of curves that are written anew, mm.",
+            validator=validators.Number(gte=1e-4, lte=1.0),
+        ),
+    ] = 0.01
+    curves: Annotated[
+        Curves, option("How short straight moves are written: as they are, or as arcs.")
+    ] = "lines"
+
+    def output(self, program: str) -> str:
+        """Return the file of the result; ``-`` is standard output.
+
+        Raises:
+            UsageError: The options do not fit together.
+        """
+        if not self.in_place:
+            return "-" if self.file is None else self.file.replace(HYPHEN, "-")
+        if program == "-" or self.file is not None:
+            message = "--in-place writes to the file of the program"
+            raise UsageError(Diagnostic("usage", message, hint="leave it out, or name a file"))
+        return program
 
 
 def check_files(

@@ -1,19 +1,23 @@
-"""The work of ``cncrun format``; the command imports it when it is carried out."""
+"""The work of ``cncrun format`` and ``convert``, imported when they are carried out."""
 
 from __future__ import annotations
 
 import shutil
 import sys
 from collections.abc import Sequence
+from io import BytesIO
 from pathlib import Path
+from typing import IO
 
 from cnc.cli.checking import find_programs
-from cnc.cli.options import CommonOptions
+from cnc.cli.options import CommonOptions, ConvertOptions
 from cnc.cli.projects import options_of
+from cnc.convert.programs import convert
 from cnc.model.choices import DialectName, TextStyle
-from cnc.model.diagnostics import EXIT_REJECTED, Diagnostic, UsageError, shown_name
+from cnc.model.diagnostics import EXIT_REJECTED, Diagnostic, UsageError, printable, shown_name
+from cnc.report.summary import write_object
 from cnc.report.targets import BytesTarget
-from cnc.session.rewriting import Result, in_form
+from cnc.session.rewriting import in_form
 
 
 def format_programs(
@@ -52,27 +56,71 @@ def format_programs(
         with in_form(file, machine, chosen.common.dialect, form) as result:
             changed += result.changed
             if not (check or in_place):
-                _write("-", result)
+                _write("-", result.file)
             elif result.changed and in_place:
-                _write(file, result)
+                _write(file, result.file)
             if result.changed and (check or in_place) and not quiet:
                 print(f"{'has another form' if check else 'written'}  {shown_name(file)}")
     return EXIT_REJECTED if check and changed else 0
 
 
-def _write(name: str, result: Result) -> None:
-    """Write the text to a file, which is replaced as a whole, or to standard output."""
+def convert_program(
+    program: str,
+    file: str,
+    options: ConvertOptions,
+    machine: str | None,
+    dialect: DialectName | None,
+    json: str | None,
+    *,
+    quiet: bool,
+) -> int:
+    """Write a program for another control, and its report; return the exit code.
+
+    Args:
+        program: The program.
+        file: The file to write; ``-`` for standard output.
+        options: The control, and how curves are written.
+        machine: The machine file.
+        dialect: How to read the program.
+        json: File of the report; None for none.
+        quiet: Whether the report is not printed.
+
+    Raises:
+        UsageError: A file cannot be read or written.
+        CncError: As :func:`cnc.convert.programs.convert`.
+    """
+    chosen = options_of(program, CommonOptions(machine=machine, dialect=dialect))
+    result = convert(
+        program,
+        chosen.machine,
+        chosen.common.dialect,
+        options.to,
+        tolerance=options.tolerance,
+        curves=options.curves,
+    )
+    _write(file, BytesIO(result.text))
+    if json is not None:
+        write_object(json, result.as_json())
+    if not quiet:
+        print(*map(printable, result.summary()), sep="\n", file=sys.stderr)
+    return 0
+
+
+def _write(name: str, text: IO[bytes]) -> None:
+    """Write a text to a file, which is replaced as a whole, or to standard output."""
     if name == "-":
         sys.stdout.flush()
-        shutil.copyfileobj(result.file, sys.stdout.buffer)
+        shutil.copyfileobj(text, sys.stdout.buffer)
         sys.stdout.buffer.flush()
         return
-    mode = Path(name).stat().st_mode
+    path = Path(name)
+    mode = path.stat().st_mode if path.is_file() else None
     target = BytesTarget(name)
     try:
-        while part := result.file.read(1 << 20):
+        while part := text.read(1 << 20):
             target.write(part)
         target.close()
-        Path(name).chmod(mode)
+        if mode is not None:
+            path.chmod(mode)
     finally:
         target.discard()

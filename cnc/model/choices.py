@@ -31,3 +31,7 @@ Interpolation = Literal["bilinear", "bicubic"]
 """Heights between the points of a grid; bicubic: the natural spline."""
 WrapRule = Literal["dialect", "shortest", "sign", "in-turn"]
 """Direction of absolute moves of a rotary axis that repeats after 360 degrees."""
+TargetName = Literal["grbl", "linuxcnc", "fanuc", "haas", "siemens", "mach3", "marlin"]
+"""Controls for which ``cncrun convert`` writes programs."""
+Curves = Literal["lines", "arcs"]
+"""How ``cncrun convert`` writes short straight moves."""

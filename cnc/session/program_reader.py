@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 
 from cnc.gcode import dialects
 from cnc.gcode.core.call_stack import Limits
+from cnc.gcode.core.line_trace import LineTrace
 from cnc.gcode.core.modal_groups import STRICT, ReadingPolicy
-from cnc.gcode.core.program import ProgramOptions, interpret
+from cnc.gcode.core.program import DEFAULTS, ProgramOptions, interpret
 from cnc.gcode.core.tool_table import ToolTable
 from cnc.gcode.dialects.recognition import (
     AssumedReading,
@@ -338,7 +339,7 @@ class ProgramReader:
             warn,
             on_line,
             self._origin,
-            mark_calls=self.restart is not None,
+            marks=ProgramOptions(mark_calls=self.restart is not None),
         )
         if self.restart is not None:
             blocks = self.restart.passed(blocks, self.start)
@@ -354,7 +355,16 @@ class ProgramReader:
         """
         rules = self.rules()
         text, state = Text.of_file(self.path, self.name), self._saved_state(rules)
-        return self._interpreted(rules, text, state, mark_tool_offsets=True)
+        return self._interpreted(rules, text, state, marks=ProgramOptions(mark_tool_offsets=True))
+
+    def traced_blocks(
+        self, trace: LineTrace, warn: Callable[[Diagnostic], None] | None = None
+    ) -> Iterator[Block]:
+        """Yield the canonical blocks of the whole program with a mark behind each line."""
+        rules = self.rules()
+        self.state = self._saved_state(rules)
+        text = Text.of_file(self.path, self.name)
+        return self._interpreted(rules, text, self.state, warn, marks=ProgramOptions(trace=trace))
 
     def rules(self) -> dialects.Dialect:
         """Return the dialect of the program; under ``auto`` the one that is recognised.
@@ -524,7 +534,9 @@ class ProgramReader:
         text = Text.of_file(self.path, self.name)
         rules = self.rules()
         state = self._saved_state(rules)
-        return self._interpreted(rules, text, state, start=start, mark_calls=True)
+        return self._interpreted(
+            rules, text, state, start=start, marks=ProgramOptions(mark_calls=True)
+        )
 
     def _saved_state(self, rules: dialects.Dialect) -> InterpreterState:
         macro = rules.flavour == "macro-b"
@@ -539,9 +551,9 @@ class ProgramReader:
         on_line: Callable[[int], None] | None = None,
         start: Floats | None = None,
         *,
-        mark_calls: bool = False,
-        mark_tool_offsets: bool = False,
+        marks: ProgramOptions = DEFAULTS,
     ) -> Iterator[Block]:
+        """Interpret a text. The other options are those of the program; ``marks`` has the marks."""
         program = self.machine.program
         file = None if self.name in WITHOUT_FILE else Path(self.name)
         blocks = interpret(
@@ -552,17 +564,16 @@ class ProgramReader:
             warn=warn,
             parameters=state[0],
             tools=state[1],
-            options=ProgramOptions(
+            options=replace(
+                marks,
                 folders=subroutine_folders(file, self.machine),
                 limits=Limits(program.max_repeated_lines, program.max_call_depth),
                 on_line=on_line or self.on_line,
-                mark_calls=mark_calls,
                 policy=self.policy,
                 block_delete=self.block_delete,
                 laser=self.machine.kind == "laser",
                 lathe=self.machine.kind == "lathe",
                 diameters=self.machine.diameters,
-                mark_tool_offsets=mark_tool_offsets,
                 wraps={
                     letter: axis.wrap
                     for letter, axis in self.machine.axes.items()

@@ -480,6 +480,10 @@ class Coordinates:
         turned = self._rotated(tool, turn)
         return {index: turned[index] for index in self._changed_axes(values, turn)}
 
+    def parts(self) -> tuple[list[float], list[float], list[float], list[float]]:
+        """Return origin, external offset, shift and local offset, of which ``zero`` is the sum."""
+        return self._origin, self._external, self._shift, self._local
+
     # Saved by M70
 
     def save(self) -> tuple[int, list[float]]:

@@ -169,7 +169,7 @@ class Interpreter:
         self._add_codes(motion, ToolTable() if tools is None else tools)
         self.turning_cycles = self._register_curves_and_cycles()
         self._bind_parameters()
-        self.points_wanted = dialect.lines.decimal_points
+        self.points_wanted = dialect.lines.decimal_points and warn is not None
         self._prepared: dict[int, PreparedLine] = {}
         self.update_plain()
 

@@ -15,6 +15,7 @@ from cnc.gcode.core.call_stack import NOTHING, Flow, Frame, Maker, Page, Step
 from cnc.gcode.core.compiled_program import CompiledProgram
 from cnc.gcode.core.interpreter import Interpreter
 from cnc.gcode.core.line_machine import MOST_ROWS, LineMachine
+from cnc.gcode.core.line_trace import Bulk
 from cnc.gcode.kernels.line import execute_lines
 from cnc.gcode.klartext import steps as klartext
 from cnc.gcode.klartext.moves import Session
@@ -158,9 +159,12 @@ harm.
 class PlainLines:
     """Executes runs of plain lines in place of an interpreter."""
 
-    def __init__(self, interpreter: Interpreter, machine: LineMachine) -> None:
+    def __init__(
+        self, interpreter: Interpreter, machine: LineMachine, bulk: Bulk | None = None
+    ) -> None:
         self._interpreter = interpreter
         self._machine = machine
+        self._bulk = bulk
         self._searched: tuple[Window | None, range, int] = (None, range(0), 0)
 
     def leaves(self, window: Window, index: int) -> bool:
@@ -184,6 +188,10 @@ class PlainLines:
         if not self._machine.ready():
             return 0
         end = index + int(window.simple[index])
+        if self._bulk is not None:
+            end = index + self._bulk(window, index, end)
+            if end < index + SHORTEST:
+                return 0
         if window.language == KLARTEXT:
             # The block behind the last move may be its corner, and may need its direction.
             end -= 1
@@ -284,7 +292,11 @@ class StepMaker:
     """Makes the steps of lines when they are reached for the first time."""
 
     def __init__(
-        self, flow: Flow, dialect: dialects.Dialect, codes: Mapping[int, CodeAction]
+        self,
+        flow: Flow,
+        dialect: dialects.Dialect,
+        codes: Mapping[int, CodeAction],
+        bulk: Bulk | None = None,
     ) -> None:
         self._flow = flow
         self._builder_codes = codes
@@ -292,8 +304,8 @@ class StepMaker:
         self._macro = dialect.flavour == "macro-b"
         self._makers = _makers(dialect.flavour)
         machine = LineMachine(flow.interpreter)
-        self._runs = PlainLines(flow.interpreter, machine)
-        is_compiled = dialect.flavour in ("ngc", "siemens")
+        self._runs = PlainLines(flow.interpreter, machine, bulk)
+        is_compiled = dialect.flavour in ("ngc", "siemens") and bulk is None
         self._compiled = CompiledProgram(flow, machine) if is_compiled else None
         self._is_long = False
 

@@ -21,6 +21,7 @@ from cnc.gcode.core.block_buffer import Warn
 from cnc.gcode.core.call_stack import Flow, Limits, Listing, Page, Step
 from cnc.gcode.core.interpreter import Interpreter
 from cnc.gcode.core.line_steps import StepMaker, leader
+from cnc.gcode.core.line_trace import LineTrace
 from cnc.gcode.core.modal_groups import STRICT, ReadingPolicy
 from cnc.gcode.core.subprograms import Library
 from cnc.gcode.core.tool_table import ToolTable, ToolTip
@@ -122,6 +123,7 @@ class ProgramOptions:
             (:class:`cnc.model.blocks.ToolOffset`).
         wraps: Rule of each rotary axis that repeats after 360 degrees, by its letter.
         tool_tip: Positions of a machine with tool-tip control; None for another machine.
+        trace: Puts a mark behind the blocks of each line; None for no marks.
     """
 
     block_delete: frozenset[int] | bool = False
@@ -136,6 +138,7 @@ class ProgramOptions:
     mark_tool_offsets: bool = False
     wraps: Mapping[str, WrapRule] = field(default_factory=dict)
     tool_tip: ToolTip | None = None
+    trace: LineTrace | None = None
 
 
 DEFAULTS = ProgramOptions()
@@ -210,9 +213,10 @@ def interpret(
         _mark_tool_offsets(interpreter)
     library = Library(options.folders, syntax, block_delete=options.block_delete)
     flow = Flow(interpreter, listing, library, options.limits, mark_calls=options.mark_calls)
-    maker = StepMaker(flow, rules, options.policy.codes)
+    trace = options.trace
+    maker = StepMaker(flow, rules, options.policy.codes, None if trace is None else trace.bulk)
     first = _behind_leader(flow, text, syntax) if _may_have_leader(rules) else 1
-    yield from chain.from_iterable(_run(flow, maker, first, options.on_line))
+    yield from chain.from_iterable(_run(flow, maker, first, _Watch(flow, options.on_line), trace))
 
 
 def _may_have_leader(rules: dialects.Dialect) -> bool:
@@ -249,12 +253,12 @@ def _mark_tool_offsets(interpreter: Interpreter) -> None:
 
 
 def _run(
-    flow: Flow, maker: StepMaker, first: int, on_line: Callable[[int], None] | None
+    flow: Flow, maker: StepMaker, first: int, watch: _Watch, trace: LineTrace | None
 ) -> Iterator[_Group]:
     """Execute the program from a line on, and end it. Groups of blocks are yielded."""
     ready = flow.interpreter.out.ready
     try:
-        yield from _execute_lines(flow, maker, first, _Watch(flow, on_line))
+        yield from _execute_lines(flow, maker, first, watch, trace)
         if _may_have_leader(flow.interpreter.dialect):
             report_uncalled(flow)
     except GcodeError:
@@ -262,19 +266,22 @@ def _run(
             yield from ready
         raise
     flow.unwind()
-    if on_line is not None:
-        on_line(flow.executed)
+    watch.report(flow.executed)
     yield from ready
     ready.clear()
 
 
-def _execute_lines(flow: Flow, maker: StepMaker, line: int, watch: _Watch) -> Iterator[_Group]:
+def _execute_lines(
+    flow: Flow, maker: StepMaker, line: int, watch: _Watch, trace: LineTrace | None
+) -> Iterator[_Group]:
     """Execute line by line from ``line`` on until the program ends.
 
     All state that each line needs is in local variables, since loops execute millions of lines.
     """
     interpreter, listing = flow.interpreter, flow.listing
     execute, ready = interpreter.execute, interpreter.out.ready
+    if trace is not None:
+        trace.begin(flow)
     first, count = 1, 0
     page: Page | None = None
     steps: list[Step | Statement | None] = []
@@ -296,6 +303,7 @@ def _execute_lines(flow: Flow, maker: StepMaker, line: int, watch: _Watch) -> It
             if step is None:
                 assert page is not None
                 step = maker.step(page, index)
+            traced = listing, line, executed
             executed += 1
             if executed > next_check:
                 next_check = watch.check(executed, line)
@@ -310,6 +318,8 @@ def _execute_lines(flow: Flow, maker: StepMaker, line: int, watch: _Watch) -> It
                 executed = flow.executed
                 if flow.listing is not listing:
                     listing, count = flow.listing, 0
+            if trace is not None:
+                trace.record(flow, traced, executed)
             if ready:
                 yield from ready
                 ready.clear()
@@ -344,6 +354,10 @@ class _Watch:
             raise flow.endless(line, is_certain=True)
         if executed > self.next_report:
             self.next_report = executed + REPORT_INTERVAL
-            if self._on_line is not None:
-                self._on_line(executed)
+            self.report(executed)
         return min(self.next_report, self._most_repeated + flow.new)
+
+    def report(self, executed: int) -> None:
+        """Tell the number of executed lines."""
+        if self._on_line is not None:
+            self._on_line(executed)

@@ -1,0 +1,323 @@
+"""Conversion of a program: written, read back, compared, and written anew where it differs."""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cnc.convert.curves import FitTo
+from cnc.convert.proof import (
+    Differs,
+    distance,
+    made_up_offsets,
+    made_up_start,
+    with_other_systems,
+)
+from cnc.convert.target import Target, without_comments
+from cnc.convert.writer import Notes, Writer, Written
+from cnc.gcode import dialects
+from cnc.gcode.core.line_trace import LineTrace
+from cnc.gcode.reader.parser import Syntax
+from cnc.gcode.reader.source_text import LineIndex, Text
+from cnc.machine.models import Machine
+from cnc.model.choices import Curves, DialectName, TargetName
+from cnc.model.diagnostics import CncError, Diagnostic, GcodeError, UsageError, shown_name
+from cnc.session.options import RunOptions
+from cnc.session.program_reader import (
+    ProgramReader,
+    SavedState,
+    display_name,
+    readable_file,
+    with_source_lines,
+)
+from cnc.session.required_capabilities import reading_policy
+
+_FLOW = re.compile(rb"#|\[|M *9[789]|G *6[567]|^[ \t]*o", re.IGNORECASE | re.MULTILINE)
+"""Words of loops, branches, calls and parameters."""
+MOST_TRIALS = 40
+"""Trials after which a program is refused."""
+OPTIONS = RunOptions(tool_lengths="zero")
+
+
+@dataclass(frozen=True)
+class Converted:
+    """A program of another control.
+
+    Attributes:
+        text: The program.
+        source: Dialect of the program that was read.
+        target: Dialect that it is written in.
+        lines: Number of its lines.
+        distance: Largest distance of moves from those of the program, mm.
+        of_curves: Largest distance of curves written within the tolerance, mm.
+        notes: What was kept, expanded, assumed.
+    """
+
+    text: bytes
+    source: str
+    target: str
+    lines: int
+    distance: float
+    of_curves: float
+    notes: Notes
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the report for other programs."""
+        return {
+            "source": self.source,
+            "target": self.target,
+            "lines": self.lines,
+            "kept": self.notes.kept,
+            "expanded": self.notes.expanded,
+            "distance_mm": self.distance,
+            "curve_distance_mm": self.of_curves,
+            "remarks": [
+                {"kind": kind, "text": text, "lines": lines}
+                for (kind, text), lines in self.notes.remarks.items()
+            ],
+        }
+
+    def summary(self) -> Iterator[str]:
+        """Yield the report as lines of text."""
+        notes = self.notes
+        yield f"{self.source} -> {self.target}: {notes.kept} lines kept, {notes.expanded} expanded"
+        for (kind, text), lines in notes.remarks.items():
+            shown = ", ".join(map(str, lines[:3])) + (", ..." if len(lines) > 3 else "")
+            yield f"{kind}: {text} (line{'s' if len(lines) > 1 else ''} {shown})"
+        yield f"read back: at most {1000.0 * self.distance:.3g} um from the program"
+        if self.of_curves:
+            yield f"curves: at most {1000.0 * self.of_curves:.3g} um from the program"
+
+
+def convert(
+    program: str,
+    machine: Machine,
+    dialect: DialectName | None,
+    to: TargetName,
+    *,
+    tolerance: float = 0.01,
+    curves: Curves = "lines",
+) -> Converted:
+    """Return a program of another control, proved to move the machine alike.
+
+    Args:
+        program: The file; ``-`` is standard input.
+        machine: The machine that both programs are for.
+        dialect: How to read it; None for the machine file's choice.
+        to: The control to write it for.
+        tolerance: Largest distance of curves that are written anew, mm.
+        curves: How short moves are written.
+
+    Raises:
+        UsageError: The file cannot be read.
+        CncError: A fault of the program; ``convert-cannot`` for what the control does not have;
+            ``convert-differs`` if no text of the same motion was found.
+    """
+    if machine.kind == "lathe":
+        hint = "convert programs of mills, lasers and routers"
+        message = "programs of lathes are not converted yet"
+        raise UsageError(Diagnostic("convert-lathe", message, hint=hint))
+    name = display_name(program)
+    with readable_file(program) as path:
+        try:
+            return _Conversion(name, path, machine, dialect, to, FitTo(tolerance, curves)).run()
+        except CncError as error:
+            raise with_source_lines([error], {name: path})[0] from None
+
+
+class _Conversion:
+    """The trials of one conversion."""
+
+    def __init__(
+        self,
+        name: str,
+        path: Path,
+        machine: Machine,
+        dialect: DialectName | None,
+        to: TargetName,
+        fit: FitTo,
+    ) -> None:
+        self._name, self._path, self._machine, self._fit = name, path, machine, fit
+        self._dialect: DialectName = dialect or machine.program.dialect
+        self._known: ProgramReader | None = None
+        self._known = self._reader(path, self._dialect, 0, {})
+        source = self._known.rules()
+        self._target = Target(dialects.load(to), source)
+        self._to = to
+
+    def _reader(
+        self, path: Path, dialect: DialectName, version: int, offsets: dict[int, float]
+    ) -> ProgramReader:
+        machine = self._machine
+        saved = SavedState(machine)
+        saved.adopt(offsets)
+        reader = ProgramReader(
+            self._name,
+            path,
+            machine,
+            dialect,
+            made_up_start(len(machine.axis_names), version),
+            saved,
+            lambda _: None,
+            reading_policy(OPTIONS, machine, None),
+        )
+        if self._known is not None and path == self._path:
+            reader.recognition, reader.evidence = self._known.recognition, self._known.evidence
+        return reader
+
+    def run(self) -> Converted:
+        """Write and prove until both programs are the same."""
+        if self._target.same_flow and (whole := self._as_it_stands()) is not None:
+            return whole
+        for _ in range(MOST_TRIALS):
+            reader = self._reader(self._path, self._dialect, 0, made_up_offsets(0))
+            writer = Writer(self._target, self._machine.axis_names, reader.start, self._fit)
+            writer.take(reader.traced_blocks(LineTrace(writer.bulk)))
+            text = writer.text()
+            try:
+                kept, of_curves = self._proved(writer, text)
+            except Differs as difference:
+                self._take_back(writer, difference.line, difference.source, difference.what)
+                continue
+            except GcodeError as error:
+                self._take_back(writer, error.diagnostic.line, 0, error.diagnostic.message)
+                continue
+            if of_curves > self._fit.tolerance:
+                raise self._differs(0, f"curves are {of_curves:.4g} mm apart")
+            self._note_others(writer)
+            return self._result(text, kept, of_curves, writer.notes)
+        raise self._differs(0, "no text was found that moves the machine alike")
+
+    def _as_it_stands(self) -> Converted | None:
+        """Return a program with loops and calls line by line, if all lines mean the same.
+
+        None for a program without them, or if the control would do something else.
+        """
+        text = Text.of_file(self._path, self._name)
+        if not any(text.first_lines_with(_FLOW)):
+            return None
+        source, notes = self._target.source, Notes()
+        syntax = Syntax(source.flavour, lenient=source.lenient, dialect=source.name)
+        listing = LineIndex(text, syntax)
+        parts = []
+        line = 1
+        while (window := listing.window(line)) is not None:
+            for index in range(window.count):
+                try:
+                    statement = listing.statement(window, index)
+                except CncError:
+                    return None
+                if statement is None or not self._target.can_keep_flow(statement):
+                    return None
+            parts.append(self._target.spelled(window.data))
+            line += window.count
+        notes.kept = line - 1
+        notes.add("kept", "loops, branches, calls and computed words as they stand", 1)
+        writer = Writer(self._target, self._machine.axis_names, np.zeros(0), self._fit)
+        try:
+            apart, _ = self._proved(writer, b"".join(parts))
+        except (Differs, GcodeError):
+            return None
+        return self._result(b"".join(parts), apart, 0.0, notes)
+
+    def _result(self, text: bytes, apart: float, of_curves: float, notes: Notes) -> Converted:
+        lines = text.count(b"\n")
+        return Converted(text, self._target.source.name, self._to, lines, apart, of_curves, notes)
+
+    def _note_others(self, writer: Writer) -> None:
+        """Note the lines with code that were not executed, and so are left out."""
+        after = 0
+        lines = Text.of_file(self._path, self._name)
+        gaps = []
+        for first, last in sorted(writer.executed):
+            if first > after + 1:
+                gaps.append(range(after + 1, first))
+            after = max(after, last)
+        while (window := lines.window(after + 1)) is not None:
+            end = window.first + window.count
+            gaps.append(range(after + 1, end))
+            after = end - 1
+        for line in chain.from_iterable(gaps):
+            found = lines.window(line)
+            text = "" if found is None else without_comments(found.text(line - found.first))
+            if text.strip(" \t%\0\x1a"):
+                writer.notes.add("left out", "lines that are never executed", line)
+
+    def _proved(self, writer: Writer, text: bytes) -> tuple[float, float]:
+        """Return the largest distances of moves and curves; raise if both programs differ."""
+        offsets = made_up_offsets(1)
+        others = with_other_systems(offsets, writer.systems, self._target.source.systems)
+        with tempfile.NamedTemporaryFile(suffix=".nc") as file:
+            file.write(text)
+            file.flush()
+            program = self._reader(self._path, self._dialect, 1, offsets)
+            result = self._reader(Path(file.name), self._to, 1, others)
+            return distance(
+                program.blocks(),
+                result.blocks(),
+                program.start,
+                self._machine.axis_names,
+                writer.regions,
+                self._target,
+            )
+
+    def _take_back(self, writer: Writer, line: int, source: int, what: str) -> None:
+        """Let the lines around one of the result be written anew in the next trial.
+
+        Raises:
+            CncError: ``convert-differs`` if they were.
+        """
+        written = _at(writer.written, line)
+        target = self._target
+        if written is None or written.form is None or line == 0:
+            before = _kept_before(writer.written, line)
+            if before is not None and before.form and before.form not in target.refused and line:
+                target.refused.add(before.form)
+                return
+            if target.takes_runs:
+                target.takes_runs = False
+                return
+            raise self._differs(source or (0 if written is None else written.line), what)
+        if written.form == ():
+            if not target.takes_runs:
+                raise self._differs(written.line, what)
+            target.takes_runs = False
+        elif written.is_open and target.compensates:
+            target.compensates = False
+        elif written.form in target.refused:
+            raise self._differs(written.line, what)
+        else:
+            target.refused.add(written.form)
+
+    def _differs(self, line: int, what: str) -> CncError:
+        message = f"{shown_name(self._name)} is not written for {self._to}: {what}"
+        hint = "give positions and levels from the work zero (G90) before this line"
+        return CncError(Diagnostic("convert-differs", message, self._name, line, hint=hint))
+
+
+def _at(written: list[Written], line: int) -> Written | None:
+    """Return the entry of a line of the result."""
+    entry = None
+    for candidate in written:
+        if candidate.begin > line:
+            break
+        entry = candidate
+    return entry
+
+
+def _kept_before(written: list[Written], line: int) -> Written | None:
+    """Return the last entry before a line of the result that was kept."""
+    entry = None
+    for candidate in written:
+        if candidate.begin > line:
+            break
+        if candidate.form:
+            entry = candidate
+    return entry

@@ -1,0 +1,958 @@
+"""Executed lines of a program as lines of another control: kept, or written from their blocks.
+
+A line is kept where each of its words means the same, and the state behind it is the one that the
+program has. Else its moves and actions are written from its blocks, in program coordinates of the
+coordinate system in use.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cnc.convert.curves import Curve, FitTo, curves_of
+from cnc.convert.elements import Elements, Straights, size
+from cnc.convert.target import Target, comments, number, without_comments
+from cnc.gcode.core.line_trace import ExecutedLines, Offsets
+from cnc.gcode.core.modal_groups import PLAIN_MOTIONS, PLANES, ModalState
+from cnc.gcode.reader.source_text import Window
+from cnc.gcode.reader.statements import Statement
+from cnc.gcode.reader.words import AXES, G, Word
+from cnc.model import parameter_numbers as numbers
+from cnc.model.blocks import (
+    PLANE_AXES,
+    ROTARY_LETTERS,
+    Abort,
+    ArcFeed,
+    Block,
+    BoardCommand,
+    Coolant,
+    Dwell,
+    End,
+    Message,
+    NurbsFeed,
+    Overrides,
+    PathMode,
+    Plane,
+    Probe,
+    Spindle,
+    Stop,
+    Tool,
+)
+from cnc.model.diagnostics import Diagnostic, GcodeError
+
+MM_DIGITS, INCH_DIGITS = 5, 6
+"""Decimals of positions."""
+SHORTEST_RUN = 3
+"""Straight moves. Fewer are written as they are."""
+PLANE_CODES = {plane: code for code, plane in PLANES.items()}
+_CENTER = {"x": "I", "y": "J", "z": "K"}
+_FEED_CODES = {"inverse-time": "G93", "per-minute": "G94", "per-revolution": "G95"}
+_PLACES = AXES | set("IJKR")
+_STORED = frozenset((G.G28_1, G.G30_1))
+_TAPPING = frozenset((G.G74, G.G84))
+_RETURNS = frozenset((G.G28, G.G30, G.G53))
+_UNKNOWN: Any = "unknown"
+_STATED = {
+    "scale": "units", "absolute": "distance", "plane": "plane", "feed_mode": "feed-mode",
+    "initial_level": "retract",
+}  # fmt: skip
+"""Modal group of each state that a line gives."""
+_DELETED, _REMARK = re.compile(rb"^[ \t]*/", re.MULTILINE), re.compile(rb"[(;]")
+
+
+class Region(NamedTuple):
+    """Lines that stand for curves of the program within a tolerance.
+
+    Attributes:
+        first: Number of the first curve, from 0.
+        last: Number behind the last one.
+        begin: First line that was written for them.
+        end: Last one.
+    """
+
+    first: int
+    last: int
+    begin: int
+    end: int
+
+
+class Written(NamedTuple):
+    """Lines that were written for lines of the program.
+
+    Attributes:
+        begin: First line that was written.
+        file: The file of the program's lines.
+        line: The first line there.
+        form: Form of a line that was kept; empty for many lines; None for one written anew.
+        is_open: Whether it was kept under cutter compensation.
+    """
+
+    begin: int
+    file: str
+    line: int
+    form: tuple[str, ...] | None
+    is_open: bool
+
+
+@dataclass
+class Notes:
+    """Remarks about a conversion: lines by the text of the remark, with its kind."""
+
+    kept: int = 0
+    expanded: int = 0
+    remarks: dict[tuple[str, str], list[int]] = field(default_factory=dict)
+
+    def add(self, kind: str, text: str, line: int) -> None:
+        """Add a remark about a line."""
+        self.remarks.setdefault((kind, text), []).append(line)
+
+
+@dataclass
+class _State:
+    """State of the control behind the lines written so far."""
+
+    motion: Any = _UNKNOWN
+    plane: Any = _UNKNOWN
+    scale: Any = _UNKNOWN
+    absolute: Any = _UNKNOWN
+    arc_absolute: bool = False
+    feed_mode: Any = _UNKNOWN
+    feed: Any = _UNKNOWN
+    initial_level: Any = _UNKNOWN
+    speed: Any = _UNKNOWN
+    tool: Any = _UNKNOWN
+    system: Any = _UNKNOWN
+
+
+class Writer:
+    """Writes the lines.
+
+    Args:
+        target: The control.
+        axes: Letters of the machine's axes.
+        start: Position before the program (axes,), mm.
+        fit: How curves are written.
+
+    Attributes:
+        notes: Remarks.
+        regions: Curves that were written within the tolerance.
+        written: The lines by the lines of the program.
+        systems: Coordinate system of each system of the program, by index.
+        executed: First and last line of lines of the program that were executed.
+    """
+
+    def __init__(
+        self, target: Target, axes: tuple[str, ...], start: NDArray[np.float64], fit: FitTo
+    ) -> None:
+        self.target, self.axes, self.fit = target, axes, fit
+        self.notes = Notes()
+        self.regions: list[Region] = []
+        self.written: list[Written] = []
+        self.systems: dict[int, int] = {}
+        self.executed: list[tuple[int, int]] = []
+        self._file = ""
+        self._parts: list[bytes] = []
+        self._line = 1
+        self._label = b""
+        self._elements = Elements(start)
+        self._curves = 0
+        self._position = start
+        self._state = _State()
+        self._shift: tuple[float, ...] = (0.0,) * len(axes)
+        self._tool: tuple[float, ...] = (0.0,) * len(axes)
+        self._origins: dict[int, tuple[float, ...]] = {}
+        self._before: ExecutedLines | None = None
+        self._open_kept = False
+        self._probed = 0
+        self._ended = False
+        self._mist = self._flood = False
+        self._run: list[Straights] = []
+        self._run_mark: ExecutedLines | None = None
+        self._masks: tuple[Window | None, NDArray[np.bool_]] = (None, np.empty(0, np.bool_))
+
+    def text(self) -> bytes:
+        """Return all lines."""
+        return b"".join(self._parts)
+
+    # The stream of executed lines
+
+    def take(self, blocks: Iterable[Block]) -> None:
+        """Write the lines of a program.
+
+        Raises:
+            GcodeError: ``convert-cannot``.
+        """
+        if self.target.rules.flavour == "macro-b":
+            self._put("%")
+        pending: list[Block] = []
+        for block in blocks:
+            if not isinstance(block, ExecutedLines):
+                pending.append(block)
+                continue
+            self._executed(block, list(self._elements.of(pending)))
+            pending.clear()
+        self._write_run()
+        if pending and self._before is not None:
+            self._write_elements(self._before, list(self._elements.of(pending)))
+        if not self._ended and (end := self.target.ends()):
+            self._put(end)
+            self.notes.add("added", f"{end} at the end", self._line - 1)
+        if self.target.rules.flavour == "macro-b":
+            self._put("%")
+
+    def _executed(self, mark: ExecutedLines, elements: list[Block]) -> None:
+        before, self._before = self._before, mark
+        self._origins.setdefault(mark.offsets.system, mark.offsets.origin)
+        if before is None:
+            self._file = mark.file
+            return
+        if mark.file == self._file:
+            self.executed.append((mark.line, mark.last))
+        count = mark.last - mark.line + 1
+        is_run = count > 1
+        if self.fit.curves != "lines":
+            if is_run or self._only_moves(before, mark, elements):
+                self._gather(mark, elements)
+                return
+            self._write_run()
+        first = self._line
+        if is_run or self._keeps(before, mark, elements):
+            if is_run:
+                self._keep_run(before, mark)
+            else:
+                self._keep_line(before, mark, elements)
+            self._curves += sum(map(size, elements))
+            self._position = self._elements.position
+            self._note_events(elements)
+            self.notes.kept += count
+            form = () if mark.statement is None else self.target.form(mark.statement)
+            self.written.append(
+                Written(first, mark.file, mark.line, form, before.is_open or mark.is_open)
+            )
+            return
+        self.written.append(Written(first, mark.file, mark.line, None, False))
+        self._expand(before, mark, elements)
+
+    # Lines that are kept
+
+    def bulk(self, window: Window, index: int, end: int) -> int:
+        """Return how many lines of a window can be kept together."""
+        before = self._before
+        if before is None or not self.target.takes_runs:
+            return 0
+        if self.fit.curves != "lines" and before.modal.motion != G.G1:
+            return 0
+        modal, state = before.modal, self._state
+        if (
+            before.is_open
+            or not before.is_plain
+            or modal.feed_mode != "per-minute"
+            or modal.arc_absolute
+            or modal.motion not in (None, *PLAIN_MOTIONS)
+            or (modal.motion != state.motion and modal.motion in PLAIN_MOTIONS[2:])
+            or not self._same_zero(before.offsets)
+        ):
+            return 0
+        mask = self._mask(window)[index:end]
+        return end - index if mask.all() else int(mask.argmin())
+
+    def _mask(self, window: Window) -> NDArray[np.bool_]:
+        """Return for each line of a window whether all of its words can be kept (lines,)."""
+        if self._masks[0] is window:
+            return self._masks[1]
+        lines, words = window.sorted.lines, window.sorted.words
+        only_moves = self.fit.curves != "lines"
+        others = "NF" if only_moves else "NFSIJKR"
+        letters = np.zeros(256, np.bool_)
+        letters[[ord(letter) for letter in set(others) | self.target.rules.axes]] = True
+        g, m = (
+            (frozenset((10,)), frozenset())
+            if only_moves
+            else (self.target.bulk_g, self.target.bulk_m)
+        )
+        letter = words.letter.astype(np.int64)
+        good = letters[letter]
+        tenths = np.round(words.number * 10.0)
+        for name, codes in (("G", g), ("M", frozenset(10 * code for code in m))):
+            own = letter == ord(name)
+            good[own] = np.isin(tenths[own], list(codes))
+        bad = np.concatenate(([0], np.cumsum(~good)))
+        first = lines.first
+        mask: NDArray[np.bool_] = (bad[first[1:]] == bad[first[:-1]])[: window.count]
+        begins = window.places[0]
+        for pattern in (_DELETED, *((_REMARK,) if only_moves else ())):
+            for at in pattern.finditer(window.data):
+                mask[int(np.searchsorted(begins, at.start(), side="right")) - 1] = False
+        self._masks = window, mask
+        return mask
+
+    def _keep_run(self, before: ExecutedLines, mark: ExecutedLines) -> None:
+        words = self._missing(before.modal, (), before.offsets)
+        modal = before.modal
+        if modal.motion is not None and modal.motion != self._state.motion:
+            words.append(f"G{modal.motion.code:g}")
+        if modal.feed is not None and modal.feed != self._state.feed:
+            words.append(f"F{number(self._feed_number(modal), 6)}")
+        if words:
+            self._put(" ".join(words))
+        text = self.target.spelled(mark.text)
+        self._parts.append(text if text.endswith((b"\n", b"\r")) else text + b"\n")
+        self._line += mark.last - mark.line + 1
+        self._adopt(mark)
+
+    def _same_zero(self, offsets: Offsets) -> bool:
+        """Whether positions are written here with the same numbers as in the program."""
+        if offsets.turned or any(offsets.local) or any(offsets.external):
+            return False
+        known = self._state.system
+        if known is not _UNKNOWN and known != self._system(offsets.system):
+            return False
+        return offsets.shift == self._shift and offsets.tool == self._tool
+
+    def _system(self, system: int) -> int | None:
+        """Return the coordinate system for one of the program; None where there is none."""
+        plain = system < min(self.target.source.systems, self.target.systems)
+        return system if plain else self.systems.get(system)
+
+    def _keeps(self, before: ExecutedLines, mark: ExecutedLines, elements: list[Block]) -> bool:
+        """Return whether a single line can be kept."""
+        statement, modal = mark.statement, mark.modal
+        if statement is None or not self.target.can_keep(statement):
+            return False
+        if not statement.words:
+            return not elements
+        if modal.diameter or not self._is_written_alike(before, mark):
+            return False
+        cycle = modal.motion not in (None, *PLAIN_MOTIONS)
+        has_code = self.target.in_group(statement.words, "motion")
+        if cycle and not has_code and self._state.motion != modal.motion:
+            return False
+        if cycle and modal.motion is not None and modal.motion.value not in self.target.g:
+            return False
+        if mark.is_open and not before.is_open:
+            self._open_kept = self.target.compensates
+        return self._open_kept if mark.is_open or before.is_open else True
+
+    def _is_written_alike(self, before: ExecutedLines, mark: ExecutedLines) -> bool:
+        """Whether the zero before and behind a line is the one that the control would have."""
+        words = mark.statement.words if mark.statement else ()
+        old, new = before.offsets, mark.offsets
+        if old.turned or new.turned or any(new.local) or any(new.external) or any(old.local):
+            return False
+        if self._system(new.system) is None or self._system(new.system) != new.system:
+            return False
+        sets_tool = self.target.in_group(words, "tool-length")
+        sets_shift = any(
+            word.letter == "G" and word.tenths in (920, 921, 922, 923) for word in words
+        )
+        if old.tool != self._tool and not sets_tool:
+            return False
+        if old.shift != self._shift and not (sets_shift and old.shift == new.shift):
+            return False
+        if new.tool != old.tool and not sets_tool:
+            return False
+        return new.shift == old.shift or sets_shift
+
+    def _keep_line(self, before: ExecutedLines, mark: ExecutedLines, elements: list[Block]) -> None:
+        statement = mark.statement
+        assert statement is not None
+        text = self.target.spelled(mark.text)
+        words = statement.words
+        if not all(word.letter == "N" for word in words):
+            modal = before.modal
+            letters = {word.letter for word in words}
+            is_cycle = mark.modal.motion not in (None, *PLAIN_MOTIONS)
+            missing = (
+                self._missing(modal, words, before.offsets, is_cycle=is_cycle)
+                if letters & _PLACES
+                else []
+            )
+            at_feed = any(
+                isinstance(element, ArcFeed | NurbsFeed)
+                or (isinstance(element, Straights) and not np.isnan(element.feeds).all())
+                for element in elements
+            )
+            if at_feed and "F" not in letters and mark.modal.feed != self._state.feed:
+                missing.append(f"F{number(self._feed_number(mark.modal), 6)}")
+            for group, letter, value, there in (
+                ("spindle", "S", modal.speed, self._state.speed),
+                ("tool-change", "T", modal.tool, self._state.tool),
+            ):
+                given = letter in letters or not self.target.in_group(words, group)
+                if not given and value is not None and value != there:
+                    missing.append(letter + f"{value:.3f}".rstrip("0").rstrip("."))
+            if missing:
+                self._put(" ".join(missing))
+            needs_code = not self.target.in_group(words, "motion") and letters & AXES
+            if needs_code and modal.motion is not None and modal.motion != self._state.motion:
+                code = f"G{modal.motion.code:g} ".encode()
+                head = re.match(rb"[ \t]*(?:/[0-9]?[ \t]*)?(?:[Nn][ \t]*[0-9.]+[ \t]*)?", text)
+                at = head.end() if head else 0
+                text = text[:at] + code + text[at:]
+        self._put_bytes(text)
+        self._adopt(mark, words)
+        if any(word.letter == "G" and word.tenths == 800 for word in words):
+            self._state.motion = _UNKNOWN
+        if any(word.letter == "G" and word.tenths == 100 for word in words):
+            self._origins[mark.offsets.system] = mark.offsets.origin
+
+    def _adopt(self, mark: ExecutedLines, words: tuple[Word, ...] | None = None) -> None:
+        """Take the state behind a line with these words that was kept; None for many lines.
+
+        What neither the line nor an earlier one states, depends on the control.
+        """
+        modal, state = mark.modal, self._state
+        for name, group in _STATED.items():
+            if (
+                words is None
+                or getattr(state, name) is not _UNKNOWN
+                or self.target.in_group(words, group)
+            ):
+                setattr(state, name, getattr(modal, name))
+        for name in ("motion", "arc_absolute", "feed", "speed", "tool"):
+            setattr(state, name, getattr(modal, name))
+        if words is None or state.system is not _UNKNOWN or self.target.in_group(words, "system"):
+            state.system = self._system(mark.offsets.system)
+        self._shift, self._tool = mark.offsets.shift, mark.offsets.tool
+
+    def _missing(
+        self,
+        modal: ModalState,
+        words: tuple[Word, ...],
+        offsets: Offsets,
+        *,
+        is_cycle: bool = False,
+    ) -> list[str]:
+        """Return codes of the state that a line counts on and the control does not have.
+
+        They are taken for written.
+
+        Args:
+            modal: The state before the line.
+            words: Its words.
+            offsets: The offsets.
+            is_cycle: Whether it is a canned cycle.
+        """
+        state, codes = self._state, self.target.rules.g
+        system = self._system(offsets.system)
+        wanted: list[tuple[str, str, object, str]] = [
+            ("scale", "units", modal.scale, "G21" if modal.scale == 1.0 else "G20"),
+            ("absolute", "distance", modal.absolute, "G90" if modal.absolute else "G91"),
+            ("plane", "plane", modal.plane, f"G{PLANE_CODES[modal.plane].code:g}"),
+            (
+                "arc_absolute",
+                "arc-distance",
+                modal.arc_absolute,
+                "G90.1" if modal.arc_absolute else "G91.1",
+            ),
+            ("feed_mode", "feed-mode", modal.feed_mode, _FEED_CODES[modal.feed_mode]),
+        ]
+        if system is not None:
+            wanted.append(("system", "system", system, numbers.SYSTEMS[system]))
+        if is_cycle:
+            level = modal.initial_level
+            wanted.append(("initial_level", "retract", level, "G98" if level else "G99"))
+        missing = []
+        for name, group, value, code in wanted:
+            if value != getattr(state, name) and not self.target.in_group(words, group):
+                setattr(state, name, value)
+                if G(round(10 * float(code[1:]))) in codes:
+                    missing.append(code)
+        return missing
+
+    @staticmethod
+    def _feed_number(modal: ModalState) -> float:
+        assert modal.feed is not None
+        minutes = 60.0 if modal.feed_mode == "per-minute" else 1.0
+        return modal.feed.linear * minutes / modal.scale
+
+    # Lines that are written anew
+
+    def _expand(self, before: ExecutedLines, mark: ExecutedLines, elements: list[Block]) -> None:
+        statement = mark.statement
+        text = mark.text.decode(errors="replace")
+        code = without_comments(text).strip() if self.target.source.flavour != "klartext" else text
+        if statement is not None:
+            self._check(statement, mark)
+            if self._probed and (statement.computed or statement.control or statement.assignments):
+                raise self._cannot(
+                    mark,
+                    f"the answer of the probe in line {self._probed} decides about this line",
+                    "measure on the machine, and write the result into the program",
+                )
+        if not text.strip():
+            self._put("")
+            return
+        remarks = comments(text)
+        if code.startswith(("O", ":")) and not elements:
+            remarks = [" ".join((code, *remarks))]
+        if not any(isinstance(element, Message) for element in elements):
+            for remark in remarks:
+                self._put(self.target.comment(remark))
+        if code and code != "%":
+            self.notes.expanded += 1
+        if len(elements) > 1 and statement is not None and not statement.control:
+            self._put(self.target.comment(code))
+        if statement is not None and statement.words and statement.words[0].letter == "N":
+            self._label = statement.words[0].written.encode() + b" "
+        self._write_elements(mark, elements)
+        self._label = b""
+        self._open_kept = self._open_kept and mark.is_open
+
+    def _check(self, statement: Statement, mark: ExecutedLines) -> None:
+        """Refuse what no block shows, and note codes that are left out."""
+        source = self.target.source
+        for word in statement.words:
+            note = source.noted.get((word.letter, word.number))
+            if note is not None and (
+                not note.needs or any(other.letter in note.needs for other in statement.words)
+            ):
+                if note.unchecked:
+                    hint = "remove it, or write what the other control has for it"
+                    raise self._cannot(mark, f"{word.written} is {note.name}", hint)
+                self.notes.add("left out", f"{word.written} ({note.name})", mark.line)
+            if word.letter == "G" and word.tenths in _STORED:
+                raise self._cannot(mark, f"{word.written} stores a position of the machine", "")
+        if statement.deletable:
+            self.notes.add("assumed", "block delete is off: the line is always executed", mark.line)
+        if mark.modal.motion in _TAPPING and self.target.rules.name in ("grbl", "marlin"):
+            hint = "tap by hand, or mill the thread"
+            raise self._cannot(mark, "the spindle does not follow the feed: no tapping", hint)
+
+    def _write_elements(self, mark: ExecutedLines, elements: list[Block]) -> None:
+        last = len(elements) - 1
+        for place, element in enumerate(elements):
+            if isinstance(element, Straights):
+                self._write_moves(mark, element, is_last=place == last)
+            elif isinstance(element, ArcFeed):
+                self._sync(mark)
+                self._write_arc(mark, element)
+            elif isinstance(element, NurbsFeed):
+                self._write_curve(mark, element)
+            else:
+                self._write_event(mark, element)
+            self._curves += size(element)
+
+    def _sync(self, mark: ExecutedLines) -> None:
+        """Bring about G90, the units and the offsets for moves that are written."""
+        state, offsets, has = self._state, mark.offsets, self.target.rules.g
+        scale = mark.modal.scale
+        words = []
+        if state.scale != scale and (G.G21 if scale == 1.0 else G.G20) in has:
+            words.append("G21" if scale == 1.0 else "G20")
+        if state.absolute is not True:
+            words.append("G90")
+        if state.feed_mode != "per-minute" and G.G94 in has:
+            words.append("G94")
+        system = self._system_for(mark)
+        if system != state.system and self.target.systems > 1:
+            words.append(numbers.SYSTEMS[system])
+        state.scale, state.absolute, state.feed_mode = scale, True, "per-minute"
+        state.system = system
+        if words:
+            self._put(" ".join(words))
+        if offsets.origin != self._origins[offsets.system]:
+            self._write_origin(mark)
+        if offsets.tool != self._tool and G.G43_1 in has:
+            self._write_tool_length(mark)
+
+    def _system_for(self, mark: ExecutedLines) -> int:
+        """Return the coordinate system for that of the program."""
+        index = mark.offsets.system
+        system = self._system(index)
+        if system is not None:
+            if system in self.systems.values() and index not in self.systems:
+                message = f"{numbers.SYSTEMS[system]} already stands for another system"
+                raise self._cannot(mark, message, "number the work offsets anew")
+            return system
+        used = set(self.systems.values()) | (set(self._origins) - {index})
+        free = [place for place in range(self.target.systems) if place not in used]
+        if not free:
+            raise self._cannot(mark, "the control has no more work offsets", "use fewer of them")
+        self.systems[index] = free[-1]
+        source = self.target.source.systems
+        name = f"G54.1 P{index - source + 1}" if index >= source else numbers.SYSTEMS[index]
+        there = numbers.SYSTEMS[free[-1]] if self.target.systems > 1 else "the zero of the machine"
+        self.notes.add("assumed", f"{name} becomes {there}: enter its offset there", mark.line)
+        return free[-1]
+
+    def _write_origin(self, mark: ExecutedLines) -> None:
+        """Write the origin of the coordinate system that the program has changed."""
+        offsets = mark.offsets
+        if 2 not in self.target.rules.offsets.written or G.G10 not in self.target.rules.g:
+            raise self._cannot(mark, "the program sets a work offset by a computed value", "")
+        assert self._state.system is not None
+        words = [f"G10 L2 P{self._state.system + 1}"]
+        words += [
+            f"{axis.upper()}{self._number(axis, value)}"
+            for axis, value in zip(self.axes, offsets.origin, strict=True)
+            if axis.upper() in self.target.rules.axes
+        ]
+        self._put(" ".join(words))
+        self._origins[offsets.system] = offsets.origin
+
+    def _write_tool_length(self, mark: ExecutedLines) -> None:
+        tool = mark.offsets.tool
+        if not any(tool):
+            self._put("G49")
+        elif "z" in self.axes and not any(
+            value for axis, value in zip(self.axes, tool, strict=True) if axis != "z"
+        ):
+            value = tool[self.axes.index("z")]
+            self._put(f"G43.1 Z{self._number('z', value)}")
+            self.notes.add("assumed", "lengths of tools are those of the tool table", mark.line)
+        else:
+            return
+        self._tool = tool
+
+    def _zero(self, mark: ExecutedLines) -> NDArray[np.float64]:
+        """Return the machine position of the control's program zero (axes,)."""
+        parts = (mark.offsets.origin, self._shift, self._tool)
+        return np.array([sum(values) for values in zip(*parts, strict=True)])
+
+    def _number(self, axis: str, value: float) -> str:
+        if axis in ROTARY_LETTERS:
+            return number(value, MM_DIGITS)
+        scale = self._state.scale
+        return number(value / scale, MM_DIGITS if scale == 1.0 else INCH_DIGITS)
+
+    def _write_moves(self, mark: ExecutedLines, moves: Straights, *, is_last: bool) -> None:
+        """Write straight moves."""
+        self._sync(mark)
+        returns = self._returns(mark)
+        for place, (end, feed) in enumerate(zip(moves.points, moves.feeds.tolist(), strict=True)):
+            in_machine = returns and is_last and place == len(moves.feeds) - 1
+            self._write_straight(mark, end, feed, in_machine=in_machine)
+
+    # Short moves that are gathered to be written as curves
+
+    def _only_moves(
+        self, before: ExecutedLines, mark: ExecutedLines, elements: list[Block]
+    ) -> bool:
+        """Return whether a line has straight moves at feed and nothing else."""
+        statement = mark.statement
+        return (
+            statement is not None
+            and bool(elements)
+            and all(isinstance(element, Straights) for element in elements)
+            and self._keeps(before, mark, elements)
+            and not comments(mark.text.decode(errors="replace"))
+            and mark.modal.motion == G.G1
+            and mark.is_plain
+            and all(
+                word.letter in "NF" or word.letter in AXES or word.written in ("G1", "G01")
+                for word in statement.words
+            )
+        )
+
+    def _gather(self, mark: ExecutedLines, elements: list[Block]) -> None:
+        if not self._run:
+            self.written.append(Written(self._line, mark.file, mark.line, None, False))
+        self._run += [element for element in elements if isinstance(element, Straights)]
+        self._run_mark = mark
+        self.notes.expanded += mark.last - mark.line + 1
+
+    def _write_run(self) -> None:
+        """Write the moves that were gathered."""
+        mark, run = self._run_mark, self._run
+        if mark is None or not run:
+            return
+        self._run = []
+        self._sync(mark)
+        points = np.concatenate([moves.points for moves in run])
+        feeds = np.concatenate([moves.feeds for moves in run])
+        edges = (np.flatnonzero(feeds[1:] != feeds[:-1]) + 1).tolist()
+        for begin, end in pairwise([0, *edges, len(feeds)]):
+            feed = float(feeds[begin])
+            if end - begin < SHORTEST_RUN:
+                for point in points[begin:end]:
+                    self._write_straight(mark, point, feed)
+                self._curves += end - begin
+                continue
+            places = np.concatenate((self._position[None], points[begin:end]))
+            for curve in curves_of(places, self.axes, self.fit):
+                first, line = self._curves, self._line
+                self._write_turn(mark, curve, feed)
+                self._curves += curve.moves
+                if curve.moves > 1 or curve.plane is not None:
+                    self.regions.append(Region(first, self._curves, line, self._line - 1))
+
+    def _returns(self, mark: ExecutedLines) -> bool:
+        """Whether the last move of a line goes to a place in machine coordinates."""
+        words = mark.statement.words if mark.statement else ()
+        for word in words:
+            if word.letter == "G" and word.number == word.number:
+                alias = self.target.source.aliases.get(word.number)
+                code = round(10 * (word.number if alias is None else alias.code))
+                if code in _RETURNS:
+                    if code != G.G53:
+                        text = f"the place of G{code / 10:g} stays where the machine has it (G53)"
+                        self.notes.add("assumed", text, mark.line)
+                    return True
+        return False
+
+    def _write_straight(
+        self,
+        mark: ExecutedLines,
+        end: NDArray[np.float64],
+        feed: float,
+        *,
+        in_machine: bool = False,
+    ) -> None:
+        """Write one straight move; with ``in_machine`` in machine coordinates (G53)."""
+        zero = self._zero(mark)
+        words = []
+        moved = np.abs(end - self._position) > 1e-9
+        for column in np.flatnonzero(moved).tolist():
+            axis = self.axes[column]
+            if in_machine:
+                words.append(axis.upper() + self._number(axis, float(end[column])))
+                continue
+            there = self._number(axis, float(end[column] - zero[column]))
+            if there != self._number(axis, float(self._position[column] - zero[column])):
+                words.append(axis.upper() + there)
+        if not words:
+            return
+        code = G.G0 if math.isnan(feed) else G.G1
+        if in_machine:
+            if G.G53 not in self.target.rules.g:
+                raise self._cannot(mark, "the control has no machine coordinates (G53)", "")
+            words.insert(0, f"G53 G{code.code:g}")
+            self._state.motion = code
+        elif self._state.motion != code:
+            words.insert(0, f"G{code.code:g}")
+            self._state.motion = code
+        if code == G.G1:
+            words += self._feed_word(feed)
+        self._put(" ".join(words))
+        self._position = end
+
+    def _feed_word(self, feed: float) -> list[str]:
+        per_minute = feed * 60.0 / self._state.scale
+        if self._state.feed == per_minute:
+            return []
+        self._state.feed = per_minute
+        digits = max(1, 7 - len(f"{per_minute:.0f}"))
+        return [f"F{number(per_minute, digits)}"]
+
+    def _write_arc(self, mark: ExecutedLines, arc: ArcFeed) -> None:
+        """Write an arc; one of several turns in turns."""
+        count = max(1, math.ceil(abs(arc.turns) - 1e-9))
+        first, begin, start = self._curves, self._line, self._position
+        for part in range(1, count + 1):
+            share = min(part / abs(arc.turns), 1.0) if count > 1 else 1.0
+            end = arc.end if part == count else self._on_arc(arc, start, share)
+            self._write_turn(mark, Curve(end, arc.plane, arc.center, arc.turns > 0.0), arc.feed)
+        if count > 1:
+            self.regions.append(Region(first, first + 1, begin, self._line - 1))
+
+    def _on_arc(
+        self, arc: ArcFeed, start: NDArray[np.float64], share: float
+    ) -> NDArray[np.float64]:
+        """Return a point after whole turns: that of the start in the plane, a share elsewhere."""
+        end: NDArray[np.float64] = start + share * (arc.end - start)
+        for axis in PLANE_AXES[arc.plane]:
+            column = self.axes.index(axis)
+            end[column] = start[column]
+        return end
+
+    def _write_turn(self, mark: ExecutedLines, curve: Curve, feed: float) -> None:
+        """Write one arc of at most a turn, or a straight move, from the present position."""
+        if curve.plane is None:
+            self._write_straight(mark, curve.end, feed)
+            return
+        self._set_plane(curve.plane)
+        zero = self._zero(mark)
+        code = G.G3 if curve.counter_clockwise else G.G2
+        words = [f"G{code.code:g}"]
+        plane = PLANE_AXES[curve.plane]
+        here = self._position
+        for column, axis in enumerate(self.axes):
+            if axis in plane or abs(curve.end[column] - here[column]) > 1e-9:
+                value = float(curve.end[column] - zero[column])
+                words.append(axis.upper() + self._number(axis, value))
+        for axis, center in zip(plane, curve.center, strict=True):
+            column = self.axes.index(axis)
+            written = float(self._number(axis, float(here[column] - zero[column])))
+            at = (center - zero[column]) / self._state.scale - written
+            digits = MM_DIGITS if self._state.scale == 1.0 else INCH_DIGITS
+            words.append(_CENTER[axis] + number(at, digits))
+        words += self._feed_word(feed)
+        self._state.motion = code
+        self._put(" ".join(words))
+        self._position = curve.end
+
+    def _set_plane(self, plane: Plane) -> None:
+        words = []
+        if self._state.plane != plane:
+            words.append(f"G{PLANE_CODES[plane].code:g}")
+            self._state.plane = plane
+        if self._state.arc_absolute:
+            words.append("G91.1")
+            self._state.arc_absolute = False
+        if words:
+            self._put(" ".join(words))
+
+    def _write_curve(self, mark: ExecutedLines, curve: NurbsFeed) -> None:
+        """Write a spline as arcs and lines within the tolerance."""
+        self._sync(mark)
+        first, begin = self._curves, self._line
+        points = self.fit.points_on(curve, self.axes)
+        for piece in curves_of(points, self.axes, self.fit):
+            self._write_turn(mark, piece, curve.feed)
+        self.regions.append(Region(first, first + 1, begin, self._line - 1))
+        self.notes.add("within the tolerance", "splines as arcs and lines", mark.line)
+
+    # Actions
+
+    def _note_events(self, elements: list[Block]) -> None:
+        """Follow the actions of lines that were kept."""
+        for element in elements:
+            if isinstance(element, Coolant):
+                self._mist, self._flood = element.mist, element.flood
+            elif isinstance(element, End):
+                self._ended = True
+            elif isinstance(element, Probe):
+                self._probed = element.line
+            elif isinstance(element, PathMode) and not self.target.path_code(element.control):
+                self._path_mode(element)
+
+    def _path_mode(self, block: PathMode) -> None:
+        text = f"the control passes corners in its own way ({block.control} in the program)"
+        self.notes.add("assumed", text, block.line)
+
+    def _write_event(self, mark: ExecutedLines, block: Block) -> None:
+        """Write an action."""
+        rules = self.target.rules
+        match block:
+            case Dwell(seconds=seconds):
+                self._put(self.target.dwell(seconds))
+            case Spindle(state="off"):
+                self._put("M5")
+            case Spindle(surface_speed=0.0):
+                self._put(f"M{3 if block.state == 'cw' else 4} S{number(block.rpm, 3)}")
+                self._state.speed = block.rpm
+            case Coolant():
+                self._write_coolant(block)
+            case Tool(change=True):
+                self._write_tool(block)
+            case Stop(pallet=False):
+                self._put("M1" if block.optional and 1 in rules.m else "M0")
+            case End():
+                if end := self.target.ends():
+                    self._put(end)
+                self._ended = True
+            case Message(text=text):
+                is_active = rules.name in ("linuxcnc", "mach3", "grbl")
+                self._put(f"(MSG, {text})" if is_active else self.target.comment(text))
+            case PathMode():
+                self._write_path_mode(mark, block)
+            case Overrides():
+                text = "the operator may use the overrides"
+                self.notes.add("assumed", text, block.line)
+            case Probe():
+                self._write_probe(mark, block)
+            case BoardCommand(text=text) if rules.lines.dollar:
+                self._put(text)
+            case _:
+                raise self._cannot(mark, _NAMES.get(type(block), type(block).__name__), "")
+
+    def _write_coolant(self, block: Coolant) -> None:
+        if (
+            (self._mist and not block.mist)
+            or (self._flood and not block.flood)
+            or not (block.mist or block.flood)
+        ):
+            self._put("M9")
+            self._mist = self._flood = False
+        if block.mist and not self._mist:
+            self._put("M7")
+        if block.flood and not self._flood:
+            self._put("M8")
+        self._mist, self._flood = block.mist, block.flood
+
+    def _write_tool(self, block: Tool) -> None:
+        if self.target.tool_change:
+            self._put(f"T{block.number} M6")
+        else:
+            self._put(self.target.comment(f"TOOL {block.number}"))
+            self._put("M0")
+            text = "tools are changed by hand at M0; lengths are those of the tool table, or 0"
+            self.notes.add("assumed", text, block.line)
+        self._state.tool = block.number
+
+    def _write_path_mode(self, mark: ExecutedLines, block: PathMode) -> None:
+        code = self.target.path_code(block.control)
+        if not code:
+            self._path_mode(block)
+            return
+        if block.control == "blend" and block.tolerance:
+            if "P" in self.target.rules.motion.path_words:
+                code += f" P{number(block.tolerance / mark.modal.scale, 5)}"
+            else:
+                self.notes.add("assumed", "G64 has the control's own tolerance", block.line)
+        self._put(code)
+
+    def _write_probe(self, mark: ExecutedLines, probe: Probe) -> None:
+        kind = (2 if probe.must else 3) + (0 if probe.towards else 2)
+        has = self.target.rules.g
+        if G(380 + kind) in has:
+            words = [f"G38.{kind}"]
+        elif kind == 3 and G.G31 in has:
+            words = ["G31"]
+        else:
+            hint = "measure on the machine"
+            raise self._cannot(mark, "the control has no such probing move", hint)
+        self._sync(mark)
+        zero = self._zero(mark)
+        for column in np.flatnonzero(np.abs(probe.end - self._position) > 1e-9).tolist():
+            axis = self.axes[column]
+            words.append(axis.upper() + self._number(axis, float(probe.end[column] - zero[column])))
+        words += self._feed_word(probe.feed)
+        self._state.motion = _UNKNOWN
+        self._put(" ".join(words))
+        self._position, self._probed = probe.end, probe.line
+
+    # Lines
+
+    def _put(self, text: str) -> None:
+        self._put_bytes(text.encode())
+
+    def _put_bytes(self, text: bytes) -> None:
+        if self._label and text and text[:1] not in (b"(", b";"):
+            text, self._label = self._label + text, b""
+        self._parts.append(text.rstrip(b"\r") + b"\n")
+        self._line += 1
+
+    def _cannot(self, mark: ExecutedLines, message: str, hint: str) -> GcodeError:
+        """Return the refusal of a line."""
+        text = mark.text.decode(errors="replace")
+        return GcodeError(
+            Diagnostic(
+                "convert-cannot",
+                f"{self.target.rules.name} cannot do this: {message}",
+                mark.file,
+                mark.line,
+                column=len(text) - len(text.lstrip()) + 1 if text.strip() else 0,
+                length=max(len(without_comments(text).strip()), 1),
+                text=text,
+                hint=hint,
+            )
+        )
+
+
+_NAMES: dict[type[Block], str] = {
+    Abort: "the program stops itself with an alarm",
+    Spindle: "constant surface speed (G96)",
+    Tool: "M61 tells the number of the tool in the spindle",
+    Stop: "a change of the pallet (M60)",
+    BoardCommand: "a command of a GRBL board",
+}

@@ -1,0 +1,459 @@
+"""``cncrun convert``: programs of one control for another, and what is refused."""
+
+from __future__ import annotations
+
+import json
+import random
+import re
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cnc import parse
+from cnc.cli import exit_code
+from cnc.convert import programs, writer
+from cnc.convert.programs import Converted, convert
+from cnc.machine.load import load_machine
+from cnc.machine.models import Machine
+from cnc.model.blocks import ArcFeed, Dwell, NurbsFeed, Polyline, Stop
+from cnc.model.choices import Curves, DialectName, TargetName
+from cnc.model.diagnostics import CncError
+from tests.support.corpus import EXPECTED, STYLES
+from tests.support.soak import share
+
+MACHINE = load_machine(None)
+Convert = Callable[..., Converted]
+
+
+@pytest.fixture
+def converted(tmp_path: Path) -> Convert:
+    """Return a function that converts a text."""
+
+    def run(
+        text: str,
+        dialect: DialectName,
+        to: TargetName,
+        curves: Curves = "lines",
+        tolerance: float = 0.01,
+    ) -> Converted:
+        file = tmp_path / "program.nc"
+        file.write_text(text)
+        return convert(str(file), MACHINE, dialect, to, tolerance=tolerance, curves=curves)
+
+    return run
+
+
+def lines(result: Converted) -> list[str]:
+    return result.text.decode().splitlines()
+
+
+def moves(path: Path, dialect: DialectName) -> np.ndarray:
+    """Return the ends of all moves, read in a dialect."""
+    blocks = [
+        block for block in parse(path, dialect=dialect) if isinstance(block, Polyline | ArcFeed)
+    ]
+    return np.concatenate(
+        [block.points if isinstance(block, Polyline) else block.end[None] for block in blocks]
+    )
+
+
+# Lines that are kept
+
+
+def test_lines_with_the_same_meaning_stay_as_they_are(converted: Convert) -> None:
+    text = (
+        "N10 G90 G21 (safe line)\nN20 G0 X1. Y2.\n\n"
+        "N30 G1 Z-1. F100 (cut)\nN40 G2 X3. I1.\nN50 M30\n"
+    )
+    result = converted(text, "fanuc", "grbl")
+    assert result.text.decode() == text.replace("N20 G0", "G17 G94 G54\nN20 G0")
+    assert (result.notes.kept, result.notes.expanded) == (6, 0)
+    assert result.distance == 0.0
+
+
+def test_cycles_and_offsets_stay_where_the_control_has_them(converted: Convert) -> None:
+    text = "G90 G17 G21 G94 G55\nG0 X1. Y2. Z5.\nG98 G81 Z-3. R2. F100.\nX5.\nG80\nM30\n"
+    assert "\n".join(lines(converted(text, "fanuc", "haas"))[1:-1]) + "\n" == text
+
+
+def test_loops_and_calls_stay_where_the_flow_is_the_same(converted: Convert) -> None:
+    text = (
+        "%\nO0001\nG21 G90 G94 G17\nG0 Z5.\n#1=0\nWHILE[#1 LT 3]DO1\n"
+        "G0 X#1\n#1=#1+1\nEND1\nM30\n%\n"
+    )
+    result = converted(text, "fanuc", "haas")
+    assert result.text.decode() == text
+    assert (
+        "kept",
+        "loops, branches, calls and computed words as they stand",
+    ) in result.notes.remarks
+
+
+@pytest.mark.parametrize(
+    ("to", "wanted"),
+    [
+        ("fanuc", "G1 X10. Y-2.5 (x)"), ("haas", "G1 X10. Y-2.5 (x)"),
+        ("siemens", "G1 X10 Y-2.5 ;x"), ("marlin", "G1 X10 Y-2.5 ;x"),
+        ("mach3", "G1 X10 Y-2.5 (x)"),
+    ],
+)  # fmt: skip
+def test_the_spelling_is_that_of_the_control(
+    converted: Convert, to: TargetName, wanted: str
+) -> None:
+    assert wanted in lines(
+        converted("G21 G90\nG1 X10 Y-2.5 F100 ;x\nX9\nG1 X10 Y-2.5 ;x\nM2\n", "linuxcnc", to)
+    )
+
+
+def test_a_comment_for_grbl_has_no_real_time_command(converted: Convert) -> None:
+    result = converted("(Why? Go! ~ \u00e4)\nG0 X1. (stop!)\nM30\n", "fanuc", "grbl")
+    assert not re.search(rb"[?!~\x80-\xff]", result.text)
+
+
+# Lines that are written anew
+
+
+def test_a_drilling_cycle_becomes_its_moves(converted: Convert) -> None:
+    text = "G90 G21 G17 G94 G54\nG0 X1. Y2. Z5.\nG98 G82 Z-3. R2. P500 F100.\nX5.\nG80\nM30\n"
+    assert lines(converted(text, "fanuc", "grbl"))[2:-1] == [
+        "G98 G82 Z-3. R2. P500 F100.".join("()"),
+        "Z2.", "G1 Z-3. F100.", "G4 P0.5", "G0 Z5.", "(X5.)",
+        "X5.", "Z2.", "G1 Z-3.", "G4 P0.5", "G0 Z5.", "G80",
+    ]  # fmt: skip
+
+
+def test_a_pattern_that_is_rotated_has_the_places_of_a_rotation(
+    converted: Convert, tmp_path: Path
+) -> None:
+    text = (
+        "G90 G21 G17 G94 G54\nG0 X0. Y0. Z5.\nG68 X10. Y0. R30.\nG0 X20. Y0.\n"
+        "G1 X20. Y5. F100.\nG69\nM30\n"
+    )
+    file = tmp_path / "out.nc"
+    file.write_bytes(converted(text, "fanuc", "grbl").text)
+    angle = np.radians(30.0)
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    wanted = [10.0, 0.0] + (turn @ np.array([[10.0, 0.0], [10.0, 5.0]]).T).T
+    np.testing.assert_allclose(moves(file, "grbl")[-2:, :2], wanted, atol=1e-5)
+
+
+def with_tools(tmp_path: Path, table: str) -> Machine:
+    """Return the machine with a tool table."""
+    file = tmp_path / "tool.tbl"
+    file.write_text(table)
+    program = MACHINE.program.model_copy(update={"tool_table": file})
+    return MACHINE.model_copy(update={"program": program})
+
+
+def test_a_tool_length_is_that_of_the_table(tmp_path: Path) -> None:
+    file = tmp_path / "in.nc"
+    file.write_text("G21 G90\nT1 M6\nG43 H1 G0 Z50.\nX1.\nG49\nZ90.\nM30\n")
+    result = convert(str(file), with_tools(tmp_path, "T1 P1 Z12.5 D6\n"), "fanuc", "grbl")
+    text = lines(result)
+    assert text[text.index("G43.1 Z12.5") + 1] == "G0 Z50."
+    assert text[-3:] == ["G49", "Z90.", "M30"]
+    assert ("assumed", "lengths of tools are those of the tool table") in result.notes.remarks
+
+
+def test_a_control_without_offset_numbers_gets_no_g43(converted: Convert) -> None:
+    result = converted("G21 G90\nG43 H1 G0 Z50.\nM30\n", "fanuc", "siemens")
+    assert b"G43" not in result.text
+
+
+def test_lines_that_are_left_out_or_may_be_skipped_are_reported(converted: Convert) -> None:
+    text = "G21 G90\n/G0 X1.\nG187 P1\nGOTO 9\nG0 X3.\n(note)\nN9 G0 X4.\nM30\nG0 X5.\n"
+    remarks = converted(text, "haas", "grbl").notes.remarks
+    assert remarks["assumed", "block delete is off: the line is always executed"] == [2]
+    assert remarks["left out", "G187 (smoothness of the path)"] == [3]
+    assert remarks["left out", "lines that are never executed"] == [5, 9]
+
+
+def test_cutter_compensation_becomes_the_offset_path(converted: Convert, tmp_path: Path) -> None:
+    text = (
+        "T1 M6\nG90 G21 G17 G94 G54\nG0 X-20. Y-20.\nG41 D1 G1 X0. Y-10. F100.\n"
+        "Y30.\nX40.\nG40 G0 X60. Y50.\nM30\n"
+    )
+    file = tmp_path / "in.nc"
+    file.write_text(text)
+    out = tmp_path / "out.nc"
+    out.write_bytes(convert(str(file), with_tools(tmp_path, "T1 P1 D6\n"), "linuxcnc", "grbl").text)
+    assert b"G41" not in out.read_bytes()
+    points = moves(out, "grbl")[:, :2]
+    # 3 mm left of X0 going up, and left of Y30 going right.
+    assert (
+        np.isclose(points, [-3.0, 30.0]).all(axis=1).any() or np.isclose(points[:, 0], -3.0).any()
+    )
+    assert np.isclose(points[:, 1], 33.0).any()
+
+
+@pytest.mark.parametrize(("to", "wanted"), [("linuxcnc", "T3 M6"), ("grbl", "M0")])
+def test_a_tool_change_is_the_control_s(converted: Convert, to: TargetName, wanted: str) -> None:
+    result = converted("G21 G90\nT3\nM6\nG0 X1.\nM30\n", "fanuc", to)
+    blocks = "\n".join(lines(result))
+    assert wanted in blocks or ("M6" in blocks and "T3" in blocks)
+    assert any("by hand" in text for _, text in result.notes.remarks) == (to == "grbl")
+
+
+def test_a_work_offset_that_the_control_lacks_is_another_one(converted: Convert) -> None:
+    result = converted("G21 G90\nG54.1 P3\nG0 X1.\nG54\nX2.\nM30\n", "fanuc", "grbl")
+    assert "G59" in result.text.decode()
+    assert ("assumed", "G54.1 P3 becomes G59: enter its offset there") in result.notes.remarks
+
+
+def test_moves_to_zero_are_written_although_the_machine_could_stand_there(
+    converted: Convert,
+) -> None:
+    text = lines(
+        converted("G21 G90\nG91 G28 Z0\nG90\nG43 H1 G0 X0. Y0. Z0.\nM30\n", "fanuc", "grbl")
+    )
+    assert "G53 G0 Z0." in text
+    assert any(re.search(r"X0\. Y0\. Z0\.", line) for line in text)
+
+
+def test_a_spline_becomes_arcs_within_the_tolerance(converted: Convert, tmp_path: Path) -> None:
+    text = (
+        "G21 G90 G17 G94 G54\nG0 X0 Y0 Z0\nF600\nG5.2 X0 Y10 P1 L3\nX20 Y30 P1\n"
+        "X40 Y0 P2\nX50 Y20 P1\nG5.3\nM2\n"
+    )
+    tolerance = 0.02
+    result = converted(text, "linuxcnc", "grbl", tolerance=tolerance)
+    assert 0.0 < result.of_curves <= tolerance
+    file, source = tmp_path / "out.nc", tmp_path / "in.nc"
+    file.write_bytes(result.text)
+    source.write_text(text)
+    curve = next(
+        block for block in parse(source, dialect="linuxcnc") if isinstance(block, NurbsFeed)
+    )
+    from scipy.interpolate import BSpline
+
+    weights = curve.weights[:, None]
+    u = np.linspace(curve.knots[0], curve.knots[-1], 2000)
+    bottom = BSpline(curve.knots, weights, curve.degree)(u)
+    points = (BSpline(curve.knots, curve.control_points * weights, curve.degree)(u) / bottom)[:, :2]
+    start = np.zeros(2)
+    nearest = np.full(len(points), np.inf)
+    for block in parse(file, dialect="grbl"):
+        if isinstance(block, ArcFeed):
+            center = np.array(block.center)
+            t = np.linspace(0.0, 2.0 * np.pi * block.turns, 400)
+            spoke = start - center
+            chords = center + np.stack(
+                (
+                    spoke[0] * np.cos(t) - spoke[1] * np.sin(t),
+                    spoke[0] * np.sin(t) + spoke[1] * np.cos(t),
+                ),
+                1,
+            )
+            start = block.end[:2]
+        elif isinstance(block, Polyline):
+            ends = np.concatenate((start[None], block.points[:, :2]))
+            chords = np.concatenate([np.linspace(a, b, 400) for a, b in pairwise(ends)])
+            start = ends[-1]
+        else:
+            continue
+        apart = np.linalg.norm(points[:, None] - chords[None], axis=2).min(axis=1)
+        nearest = np.minimum(nearest, apart)
+    assert nearest.max() <= tolerance + 0.01  # half the distance of the points on the chords
+
+
+# Refusals, each at its line
+
+
+@pytest.mark.parametrize(
+    ("text", "dialect", "to", "line", "code"),
+    [
+        ("G21 G90\nG31 Z-5. F50\n#1=#5063\nG0 X#1\nM30\n", "fanuc", "grbl", 3, "convert-cannot"),
+        ("G21 G90 S9 M3\nF99\nG84 X1 Z-5 R2\nM2\n", "linuxcnc", "grbl", 3, "convert-cannot"),
+        ("$H\nG0 X1\nM2\n", "grbl", "linuxcnc", 1, "convert-cannot"),
+        ("G21 G90\nG96 S100 M3\nM2\n", "linuxcnc", "grbl", 2, "convert-cannot"),
+        ("G21 G90\nG0 X1\nM64 P1\nM2\n", "linuxcnc", "grbl", 3, "convert-cannot"),
+        ("G21 G90\nG28.1\nM2\n", "grbl", "fanuc", 2, "convert-cannot"),
+        ("G21 G90\nG0 X1.\nM51\nM30\n", "haas", "grbl", 3, "convert-cannot"),
+        ("G21 G90\nG0 Q1.\nM30\n", "fanuc", "grbl", 2, "word-unused"),
+    ],
+)  # fmt: skip
+def test_what_the_control_cannot_do_is_refused_at_its_line(
+    converted: Convert, text: str, dialect: DialectName, to: TargetName, line: int, code: str
+) -> None:
+    with pytest.raises(CncError) as refused:
+        converted(text, dialect, to)
+    assert (refused.value.diagnostic.line, refused.value.diagnostic.code) == (line, code)
+
+
+def test_a_program_that_reads_its_work_offset_is_refused(converted: Convert) -> None:
+    with pytest.raises(CncError) as refused:
+        converted("G21 G90 G54\nG0 X0.\nG0 X[#5221]\nM30\n", "fanuc", "grbl")
+    assert refused.value.diagnostic.code == "convert-differs"
+
+
+def test_a_program_that_counts_from_where_it_stands_is_refused(converted: Convert) -> None:
+    with pytest.raises(CncError) as refused:
+        converted("G21 G91 G17 G94\nG81 X1. Z-5. R-2. F100.\nG80\nM30\n", "fanuc", "grbl")
+    assert refused.value.diagnostic.code == "convert-differs"
+
+
+# The proof
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda text: text.replace(b"X4.", b"X4.002"),
+        lambda text: text.replace(b"F100", b"F101"),
+        lambda text: text.replace(b"M8\n", b""),
+        lambda text: text.replace(b"I1.", b"I1.002"),
+        lambda text: text.replace(b"S900", b"S901"),
+        lambda text: text.replace(b"G55", b"G56"),
+        lambda text: text.replace(b"M30", b"G0 X9.\nM30"),
+        lambda text: text.replace(b"G0 Z9.\n", b""),
+        lambda text: text.replace(b"P0.5", b"P0.6"),
+        lambda text: text.replace(b"M0", b"M1"),
+    ],
+)
+def test_each_difference_stops_the_conversion(
+    converted: Convert, monkeypatch: pytest.MonkeyPatch, spoil: Callable[[bytes], bytes]
+) -> None:
+    text = (
+        "G21 G90 G55\nS900 M3\nM8\nG0 X1. Y2. Z1.\nG1 X2. F100\n"
+        "G2 X4. Y2. I1. J0.\nG4 X0.5\nM0\nG0 Z9.\nM30\n"
+    )
+    good = converted(text, "fanuc", "grbl").text
+    assert spoil(good) != good
+    monkeypatch.setattr(writer.Writer, "text", lambda _: spoil(good))
+    with pytest.raises(CncError) as refused:
+        converted(text, "fanuc", "grbl")
+    assert refused.value.diagnostic.code == "convert-differs"
+
+
+def test_dwells_and_stops_are_in_their_units(converted: Convert, tmp_path: Path) -> None:
+    file = tmp_path / "out.nc"
+    for to in ("grbl", "linuxcnc", "haas", "siemens", "marlin", "mach3"):
+        file.write_bytes(converted("G21 G90\nG0 X1.\nG4 P1500\nM0\nM30\n", "fanuc", to).text)
+        blocks = list(parse(file, dialect=to))
+        assert [block.seconds for block in blocks if isinstance(block, Dwell)] == [1.5]
+        assert sum(isinstance(block, Stop) for block in blocks) == 1
+
+
+# Programs of all styles
+
+PROBES = {"fanuc-probing", "linuxcnc-probing"}
+"""Styles that decide by the answer of a probe."""
+
+
+@pytest.mark.parametrize("style", sorted(STYLES)[:: share(1, 4)])
+@pytest.mark.parametrize("to", ["grbl", "linuxcnc"])
+def test_programs_of_all_styles_are_written(tmp_path: Path, style: str, to: TargetName) -> None:
+    for seed in range(share(10, 1)):
+        file = tmp_path / "program.nc"
+        text = STYLES[style](random.Random(f"convert {style} {seed}"))
+        file.write_bytes(text.encode(errors="surrogateescape"))
+        code = ""
+        try:
+            result = convert(str(file), MACHINE, None, to)
+            assert result.distance <= 1e-3
+            assert result.of_curves <= 0.01
+        except CncError as error:
+            code = error.diagnostic.code
+        assert code != "convert-differs"
+        is_for_board = EXPECTED[style] == "grbl" and to == "linuxcnc"
+        assert code != "convert-cannot" or style in PROBES or is_for_board
+
+
+# Short moves as curves
+
+
+def test_short_moves_become_arcs_and_corners_stay(converted: Convert, tmp_path: Path) -> None:
+    angles = np.linspace(0.0, np.pi, 181)
+    half = [f"X{20 - 20 * np.cos(a):.4f} Y{20 * np.sin(a):.4f}" for a in angles[1:]]
+    back = [f"X{40 - step / 5:.4f} Y0" for step in range(1, 201)]
+    text = "\n".join(
+        ["G21 G90 G17 G94 G54", "G0 X0 Y0 Z0", "F600", "G1 " + half[0], *half[1:], *back, "M2"]
+    )
+    result = converted(text, "linuxcnc", "grbl", curves="arcs")
+    assert len(lines(result)) <= 12
+    assert 0.0 < result.of_curves <= 0.01
+    file = tmp_path / "out.nc"
+    file.write_bytes(result.text)
+    assert np.isclose(moves(file, "grbl")[:, :2], [40.0, 0.0], atol=1e-4).all(axis=1).any()
+
+
+# The command
+
+
+def test_the_command_writes_the_file_and_the_report(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, out, report = tmp_path / "a.nc", tmp_path / "b.nc", tmp_path / "r.json"
+    file.write_text("O0001\nG21 G90\nG0 X1.\nM30\n")
+    arguments = ["convert", str(file), "--dialect", "fanuc", "--to", "grbl", "-o", str(out)]
+    assert exit_code([*arguments, "--json", str(report)]) == 0
+    assert "G0 X1." in out.read_text()
+    assert "fanuc -> grbl" in capsys.readouterr().err
+    values = json.loads(report.read_text())
+    assert (values["source"], values["target"], values["distance_mm"]) == ("fanuc", "grbl", 0.0)
+
+
+def test_the_result_goes_to_standard_output(
+    tmp_path: Path, capsysbinary: pytest.CaptureFixture[bytes]
+) -> None:
+    file = tmp_path / "a.nc"
+    file.write_text("G21 G90\nG0 X1.\nM30\n")
+    assert exit_code(["convert", str(file), "--to", "grbl", "--quiet"]) == 0
+    written = capsysbinary.readouterr()
+    assert written.out.endswith(b"G0 X1.\nM30\n")
+    assert written.err == b""
+
+
+def test_the_program_itself_is_replaced_only_in_place(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "a.nc"
+    text = "G21 G90\nG0 X1.\nM6 T1\nM30\n"
+    file.write_text(text)
+    assert exit_code(["convert", str(file), "--to", "grbl", "-o", str(file)]) == 2
+    assert "output-over-input" in capsys.readouterr().err
+    assert file.read_text() == text
+    assert exit_code(["convert", str(file), "--to", "grbl", "--in-place"]) == 0
+    assert "M0" in file.read_text()
+    assert list(tmp_path.iterdir()) == [file]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["-", "--to", "grbl", "--in-place"],
+        ["a.nc", "--to", "grbl", "--in-place", "-o", "b.nc"],
+        ["a.nc", "--to", "heidenhain"],
+        ["a.nc"],
+        ["a.nc", "--to", "grbl", "--tolerance", "0"],
+        ["missing.nc", "--to", "grbl"],
+    ],
+)
+def test_wrong_usage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str]) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("a.nc").write_text("G0 X1\nM30\n")
+    assert exit_code(["convert", *arguments]) == 2
+    assert not Path("b.nc").exists()
+
+
+def test_a_refused_program_leaves_the_old_file(tmp_path: Path) -> None:
+    file, out = tmp_path / "a.nc", tmp_path / "b.nc"
+    file.write_text("G21 G90\nG28.1\nM2\n")
+    out.write_text("old")
+    assert (
+        exit_code(["convert", str(file), "--dialect", "grbl", "--to", "fanuc", "-o", str(out)]) == 1
+    )
+    assert out.read_text() == "old"
+    assert sorted(tmp_path.iterdir()) == [file, out]
+
+
+def test_programs_of_lathes_are_refused(tmp_path: Path) -> None:
+    file = tmp_path / "a.nc"
+    file.write_text("G0 X1\nM30\n")
+    lathe = MACHINE.model_copy(update={"kind": "lathe"})
+    with pytest.raises(CncError) as refused:
+        programs.convert(str(file), lathe, None, "grbl")
+    assert refused.value.diagnostic.code == "convert-lathe"
