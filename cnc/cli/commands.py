@@ -111,10 +111,15 @@ LOOK, RUN, SET_UP, WRITE, DEVELOP = (
 )
 for flag in ("--help", "--version"):
     app[flag].group = (DEVELOP,)
-for command in (home, jog, zero, mdi, unlock, serve):
-    app.command(command, group=RUN)
-for command in (boards, settings, height_map):
-    app.command(command, group=SET_UP)
+app.command(home, group=RUN)
+app.command(jog, group=RUN)
+app.command(zero, group=RUN)
+app.command(mdi, group=RUN)
+app.command(unlock, group=RUN)
+app.command(serve, group=RUN)
+app.command(boards, group=SET_UP)
+app.command(settings, group=SET_UP)
+app.command(height_map, group=SET_UP)
 COMMON, BOARD, CHECK = CommonOptions(), BoardOptions(), CheckOptions()
 
 

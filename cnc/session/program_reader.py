@@ -487,9 +487,8 @@ class ProgramReader:
         state, z = self._saved_state(self.rules()), self._column_of_z
         zeros = _zeros_in(state)
         start = self.start if self._origin is None else self._origin
-        blocks = self._interpreted(
-            self.rules(), Text.of_file(self.path, self.name), state, start=start, mark_calls=True
-        )
+        text, marks = Text.of_file(self.path, self.name), ProgramOptions(mark_calls=True)
+        blocks = self._interpreted(self.rules(), text, state, start=start, marks=marks)
         skipped, block = at_pause(blocks, number, start, z)
         if block.line != line:
             message = f"the pause of line {line} is not the one that was reached"
