@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from cnc.model.blocks import PLANE_AXES, ArcFeed, NurbsFeed
 from cnc.path.block_pieces import Frame, check_finite, joined
+from cnc.path.kernels.bspline import nurbs_sagittas
 from cnc.path.records import TURN, Floats, Records, arc_records, sweep_and_angle
 
 SAGITTA = 0.04
@@ -42,8 +43,6 @@ LEAST_RADIUS = 1e-3
 DERIVATIVES = 5
 SPANS_AT_ONCE = 64
 """Spans of a NURBS whose chords are made at once."""
-INSIDE = (0.25, 0.5, 0.75)
-"""Places in a chord at which its distance from a NURBS is measured."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -246,25 +245,14 @@ def _chords(block: NurbsFeed, points: Floats, sagitta: float) -> Iterator[Floats
         u = inner[first : first + SPANS_AT_ONCE + 1]
         u = np.append(_between(u, np.full(len(u) - 1, block.degree + 1)), u[-1])
         while True:
-            span = np.searchsorted(knots, 0.5 * (u[1:] + u[:-1]), "right") - 1
-            start = _on_nurbs(block.degree, knots, weighted, span, u[:-1])
-            chord = _on_nurbs(block.degree, knots, weighted, span, u[1:]) - start
-            off = np.zeros(len(span))
-            for part in INSIDE:
-                between = u[:-1] + part * (u[1:] - u[:-1])
-                here = _on_nurbs(block.degree, knots, weighted, span, between) - start
-                square = np.maximum((chord * chord).sum(axis=1), 1e-300)
-                at = np.clip((here * chord).sum(axis=1) / square, 0.0, 1.0)
-                off = np.maximum(off, np.linalg.norm(here - at[:, None] * chord, axis=1))
+            ends, size, off = nurbs_sagittas(block.degree, knots, weighted, u)
             # A chord over an angle h has a sagitta of h / 8 of its length.
-            size = np.linalg.norm(chord, axis=1)
             allowed = np.minimum(sagitta, np.maximum(STEEPEST / 8.0 * size, 0.1 * sagitta))
             fine = off <= allowed
             if fine.all():
                 break
             parts = np.ceil(np.sqrt(1.1 * off / allowed)).astype(np.int64)
             u = np.append(_between(u, np.clip(parts, np.where(fine, 1, 2), 64)), u[-1])
-        ends = start + chord
         if first + SPANS_AT_ONCE >= len(inner) - 1:
             ends[-1] = points[-1]
         yield ends
@@ -276,25 +264,3 @@ def _between(u: Floats, parts: NDArray[np.int64]) -> Floats:
     share = (np.arange(len(begins)) - begins) / np.repeat(parts, parts)
     between: Floats = np.repeat(u[:-1], parts) + share * np.repeat(np.diff(u), parts)
     return between
-
-
-def _on_nurbs(
-    degree: int, knots: Floats, weighted: Floats, span: NDArray[np.int64], u: Floats
-) -> Floats:
-    """Return points (m, n) of a NURBS at u (m,) by de Boor's algorithm.
-
-    Args:
-        degree: its degree.
-        knots: its knots.
-        weighted: (k, n + 1): control points times weight, and weight.
-        span: (m,): knot span of each u.
-        u: (m,): parameters.
-    """
-    d = weighted[span[:, None] + np.arange(-degree, 1)]
-    for r in range(1, degree + 1):
-        for i in range(degree, r - 1, -1):
-            low, high = knots[span - degree + i], knots[span + i + 1 - r]
-            share = ((u - low) / (high - low))[:, None]
-            d[:, i] = (1.0 - share) * d[:, i - 1] + share * d[:, i]
-    points: Floats = d[:, degree, :-1] / d[:, degree, -1:]
-    return points

@@ -26,7 +26,13 @@ from cnc.planner.corners import empty_path, new_chunk, numbered, path_arrays
 from cnc.planner.finished import FinishedPart, PassedChain
 from cnc.planner.kernels.corner_memory import Solutions, new_solutions
 from cnc.planner.kernels.corner_places import count_corners, first_undecided, leaves_path
-from cnc.planner.kernels.corner_stops import CORNER_STEPS, PassedChains, corner_size, pass_corners
+from cnc.planner.kernels.corner_stops import (
+    CORNER_STEPS,
+    Before,
+    PassedChains,
+    corner_size,
+    pass_corners,
+)
 from cnc.planner.kernels.legs import REST
 from cnc.planner.limits import Limits
 from cnc.planner.plan import (
@@ -59,6 +65,8 @@ class CornerMotions:
         self._held: PlanChunk | None = None
         self._shared = False
         """Whether the next part begins on a leg that begins with a corner that is passed."""
+        self._unsought_from = 0.0
+        """Time in the plans from which on :class:`Before` counts, s."""
         self._searches = True
         self._earlier = 0.0
         self._shorter = 0.0
@@ -203,10 +211,10 @@ class CornerMotions:
         out = empty_path(most, len(plan.path.data) + (corners + 1) * corner_size(axes))
         out_plan = empty_plan(most, phases)
         chains = PassedChains(np.empty(corners), np.empty(corners), np.empty(corners))
-        count, spans, numbers, passed = pass_corners(
+        count, spans, numbers, passed, unsought = pass_corners(
             path,
             plan.arrays,
-            self._shared,
+            Before(self._shared, max(plan.t0 - self._unsought_from, 0.0)),
             limits.feeds(plan.path),
             limits.arrays,
             limits.travel,
@@ -215,6 +223,7 @@ class CornerMotions:
             out_plan,
             chains,
         )
+        self._unsought_from = plan.t0 + plan.duration - unsought
         if not passed:
             return None
         moved = self._moved(plan)

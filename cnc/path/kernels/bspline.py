@@ -13,6 +13,7 @@ as zero, the two control points beside the cut are put on it: it then is zero ex
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -53,6 +54,8 @@ TINY = 1e-7
 """mm. A part in which no axis moves by more becomes straight. Its bends may be smaller than the
 shortest interval that the planner examines, and positions are not exact enough to show them.
 """
+INSIDE = (0.25, 0.5, 0.75)
+"""Parts of a chord's parameters at which its distance from the curve is measured."""
 NUMBERS_PER_AXIS = 2 + MAX_DEGREE + 1 + 1 + MAX_TURNING_POINTS
 RECORD_NUMBERS = START + SPAN_BODY + MAX_DEGREE + 1 + 3 + ROW * (MAX_ROWS + 1)
 """The longest span record of n axes has RECORD_NUMBERS + n NUMBERS_PER_AXIS numbers."""
@@ -336,3 +339,70 @@ def nurbs_records(
                     pieces += 1
         k += 1
     return k, pieces, used
+
+
+@njit
+def _write_point(
+    degree: int, knots: Floats, weighted: Floats, span: int, u: float, d: Floats, to: Floats
+) -> None:
+    """Write the point of a NURBS at ``u`` by de Boor's algorithm.
+
+    Args:
+        degree: its degree.
+        knots: its knots.
+        weighted: (k, n + 1): control points times weight, and weight.
+        span: the knot span of ``u``.
+        u: the parameter.
+        d: (degree + 1, n + 1): scratch.
+        to: (n,): receives the point.
+    """
+    d[:] = weighted[span - degree : span + 1]
+    for r in range(1, degree + 1):
+        for i in range(degree, r - 1, -1):
+            low, high = knots[span - degree + i], knots[span + i + 1 - r]
+            share = (u - low) / (high - low)
+            for q in range(d.shape[1]):
+                d[i, q] = (1.0 - share) * d[i - 1, q] + share * d[i, q]
+    n = len(to)
+    for q in range(n):
+        to[q] = d[degree, q] / d[degree, n]
+
+
+@njit
+def nurbs_sagittas(
+    degree: int, knots: Floats, weighted: Floats, u: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Return ends, lengths and sagittas of chords of a NURBS.
+
+    Args:
+        degree: its degree.
+        knots: its knots.
+        weighted: (k, n + 1): control points times weight, and weight.
+        u: (m + 1,): parameters of the ends of the chords; each chord lies in one span.
+
+    Returns:
+        (m, n), (m,), (m,): the ends, the lengths and the largest distances at INSIDE.
+    """
+    m, n = len(u) - 1, weighted.shape[1] - 1
+    ends, size, off = np.empty((m, n)), np.empty(m), np.zeros(m)
+    d = np.empty((degree + 1, n + 1))
+    start, chord, here = np.empty(n), np.empty(n), np.empty(n)
+    for k in range(m):
+        span = int(np.searchsorted(knots, 0.5 * (u[k + 1] + u[k]), side="right")) - 1
+        _write_point(degree, knots, weighted, span, u[k], d, start)
+        _write_point(degree, knots, weighted, span, u[k + 1], d, ends[k])
+        square = 0.0
+        for q in range(n):
+            chord[q] = ends[k, q] - start[q]
+            square += chord[q] * chord[q]
+        size[k] = math.sqrt(square)
+        for part in INSIDE:
+            _write_point(degree, knots, weighted, span, u[k] + part * (u[k + 1] - u[k]), d, here)
+            along = away = 0.0
+            for q in range(n):
+                along += (here[q] - start[q]) * chord[q]
+            at = min(max(along / max(square, 1e-300), 0.0), 1.0)
+            for q in range(n):
+                away += (here[q] - start[q] - at * chord[q]) ** 2
+            off[k] = max(off[k], math.sqrt(away))
+    return ends, size, off

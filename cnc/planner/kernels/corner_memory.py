@@ -6,8 +6,9 @@ taken as it is.
 Rows of a surface end in corners that are alike, and none equals another. A tube is given in the
 directions of its own legs, so neither the place of a corner nor a turn or a mirror image in space
 changes it, but for the limits of the axes. The search begins with the motion past the most similar
-corner, moved to the new legs. A micrometre more between two control points may be as much as all of
-the jerk, so they are moved by what changes the jerk least, in the sum of squares.
+corner, moved to the new legs. Where that motion gained too little, nothing is sought. A micrometre
+more between two control points may be as much as all of the jerk, so they are moved by what changes
+the jerk least, in the sum of squares.
 """
 
 from __future__ import annotations
@@ -69,6 +70,7 @@ class Solutions(NamedTuple):
         points: (SOLUTIONS, MOST_STEPS + 3, MOST_DIRECTIONS): its control points.
         spans: (SOLUTIONS, groups): logarithms of the durations of its groups.
         exists: (SOLUTIONS,): 1 if there is a motion, or 0.
+        gain: (SOLUTIONS,): time that it saves, s.
         next: (1,): the one to be replaced next.
         work: (1,): that of all searches: rows of the steps of Newton's method, added up.
         most_work: (1,): above this nothing is sought. It grows with the motion.
@@ -80,6 +82,7 @@ class Solutions(NamedTuple):
     points: Floats
     spans: Floats
     exists: Ints
+    gain: Floats
     next: Ints
     work: Ints
     most_work: Floats
@@ -94,6 +97,7 @@ def new_solutions() -> Solutions:
         np.empty((SOLUTIONS, MOST_STEPS + 3, MOST_DIRECTIONS)),
         np.empty((SOLUTIONS, GROUPS * (MOST_CORNERS + 1))),
         np.zeros(SOLUTIONS, np.int64),
+        np.zeros(SOLUTIONS),
         np.zeros(1, np.int64),
         np.zeros(1, np.int64),
         np.full(1, FIRST_WORK),
@@ -108,17 +112,29 @@ def allow_work(solutions: Solutions, duration: float) -> None:
 
 
 @njit
-def solve(tube: Tube, rows: Rows, c: Floats, spans: Floats, solutions: Solutions) -> bool:
-    """Make a first guess of the motion the fastest one; return whether there is one.
+def solve(
+    tube: Tube,
+    rows: Rows,
+    c: Floats,
+    spans: Floats,
+    times: tuple[float, float],
+    solutions: Solutions,
+) -> tuple[bool, float]:
+    """Make a first guess of the motion the fastest one.
 
-    Nothing is sought where the searches before took more work than the motion allows.
+    Nothing is sought where the searches before took more work than the motion allows, or where the
+    motion past the most similar corners saved less than is worth a search.
 
     Args:
         tube: the legs, and the states at both ends.
         rows: space for the limits.
         c: (steps + 3, d): control points, replaced by those of the result.
         spans: (groups,): logarithms of the durations of the groups, replaced likewise.
+        times: that the motion with stops takes, and that is worth a search, s.
         solutions: of earlier searches, receives the result.
+
+    Returns:
+        Whether there is one, and the time that it would save where it is not worth a search, s.
     """
     wanted = np.empty(NUMBERS)
     count = _write_input(tube, c, spans, wanted)
@@ -127,12 +143,14 @@ def solve(tube: Tube, rows: Rows, c: Floats, spans: Floats, solutions: Solutions
     if k >= 0:
         c[:] = solutions.points[k, :points, :d]
         spans[:] = solutions.spans[k, : len(spans)]
-        return solutions.exists[k] > 0
+        return solutions.exists[k] > 0, 0.0
     if solutions.work[0] > solutions.most_work[0]:
-        return False
+        return False, 0.0
+    k = _most_similar(tube, wanted, count, solutions) if count else -1
+    if k >= 0 and solutions.gain[k] < times[1]:
+        return False, max(solutions.gain[k], 0.0)
     exists = False
     rows.work[0] = 0
-    k = _most_similar(tube, wanted, count, solutions) if count else -1
     if k >= 0:
         near_spans = solutions.spans[k, : len(spans)].copy()
         near = _moved(tube, rows.t, solutions.input[k], solutions.points[k], near_spans)
@@ -149,7 +167,9 @@ def solve(tube: Tube, rows: Rows, c: Floats, spans: Floats, solutions: Solutions
         solutions.points[k, :points, :d] = c
         solutions.spans[k, : len(spans)] = spans
         solutions.exists[k] = 1 if exists else 0
-    return exists
+        set_knots(tube, spans, rows.t)
+        solutions.gain[k] = times[0] - (rows.t[points - 1] - rows.t[2])
+    return exists, 0.0
 
 
 @njit
