@@ -88,9 +88,10 @@ of the turns of long rows would take most of the planning time and save 0.03 % o
 WORTHWHILE = 0.002
 """A refinement has to save this part of a stretch's time."""
 
-MOST_CELLS = 2000.0
-"""Cells for each second of a stretch that are solved at most, about a tenth of the motion's time.
-Where that is not enough the plan stays. A count does not depend on the machine, as a clock would.
+MOST_CELLS, LEAST_CELLS = 2000.0, 8000.0
+"""Cells that are solved at most: for each second of a plan, about a tenth of the motion's time, and
+for a short plan. Where that is not enough the rest of it stays. A count does not depend on the
+machine, as a clock would.
 """
 
 FAILED = 8.0
@@ -228,13 +229,26 @@ def _as_planned(stretch: Stretch, out: Phases, count: int) -> int:
 
 @njit
 def refine_stretch(
-    stretch: Stretch, intervals: Intervals, limits: SumLimits, out: Phases, count: int
+    stretch: Stretch,
+    intervals: Intervals,
+    limits: SumLimits,
+    left: Floats,
+    out: Phases,
+    count: int,
 ) -> tuple[bool, Phases, int]:
     """Append the fastest motion over a stretch to ``out``, a window of cells at a time.
 
     Of each window the last cells are solved again together with the next ones. Where no legal
     motion is found so, the next ones are solved on their own, or in two parts. A window without a
     legal motion keeps the phases of the plan. So does a stretch that would take too much computing.
+
+    Args:
+        stretch: the stretch.
+        intervals: the intervals of the plan.
+        limits: the limits.
+        left: (1,): cells that may still be solved; it is lowered.
+        out: receives the phases.
+        count: number of phases in it.
 
     Returns:
         Whether the motion is legal, ``out`` or a larger copy, and the new count.
@@ -251,8 +265,7 @@ def refine_stretch(
     start, before = count, 0.0
     for r in range(stretch.first, stretch.last):
         before += rows[r]["duration"]
-    left = math.inf if stretch.rough else MOST_CELLS * before
-    if n > left:
+    if n > left[0]:
         return True, out, _as_planned(stretch, out, count)
     most = stretch.last - stretch.first + 2
     legal = True
@@ -272,8 +285,8 @@ def refine_stretch(
                 window.share[m] = window.pace[m] = SEAM_SHARE
             describe(window, intervals)
         solved, cells = fastest(window, intervals, limits)
-        left -= size if solved else FAILED * size
-        if left < 0.0:
+        left[0] -= size if solved else FAILED * size
+        if left[0] < 0.0:
             return True, out, _as_planned(stretch, out, start)
         out = with_space(out, count, 4 * (len(cells.length) + len(head.length)) + most)
         if not solved and len(head.length) > 0:
@@ -327,6 +340,9 @@ def refine(
     rows = np.empty(3 * len(phases), PHASE)
     fixed = np.empty(3 * len(phases), np.bool_)
     total = separate(phases, intervals, rows, fixed)
+    left = np.full(1, math.inf)
+    if not rough:
+        left[0] = max(MOST_CELLS * phases["duration"].sum(), LEAST_CELLS)
     out = np.empty(4 * total + 256, PHASE)
     count = 0
     first = 0
@@ -355,7 +371,7 @@ def refine(
             )
             count += written
         if wanted or not (fits or fixed[first]):
-            fits, out, count = refine_stretch(stretch, intervals, limits, out, kept)
+            fits, out, count = refine_stretch(stretch, intervals, limits, left, out, kept)
         if not fits:
             return False, out[:0]
         cruise = cruise + rows[first]["duration"] if fixed[first] else 0.0
