@@ -1,7 +1,8 @@
 """A browser, and a server of the console with a simulated GRBL board at a pseudo-terminal.
 
-Both start once for the tests of this folder. They end with its last test: the event loop of
-Playwright runs in this thread, where other tests need loops of their own.
+The browser starts once for the tests of this folder, the server and its board once for a file. The
+browser ends with the last test: the event loop of Playwright runs in this thread, where other tests
+need loops of their own.
 The board has limit switches, and a plate for the probe.
 """
 
@@ -54,7 +55,7 @@ def mill(tmp_path_factory):
     return file
 
 
-@pytest.fixture(scope="package")
+@pytest.fixture(scope="module")
 def port(mill):
     """The terminal of a simulated board that is not homed."""
     pty_server = pytest.importorskip("cnc.simulators.grbl.ports")
@@ -68,7 +69,7 @@ def port(mill):
         yield terminal.name
 
 
-@pytest.fixture(scope="package")
+@pytest.fixture(scope="module")
 def address(tmp_path_factory, mill, port):
     """The address of a server with an empty library."""
     folder = tmp_path_factory.mktemp("console")

@@ -206,6 +206,7 @@ def test_controls_that_cannot_work_say_why(desk, phone, port):
     connect(desk, port)
     for selector in ("#home", "#run", "#zero-all"):
         expect(phone.locator(selector)).to_have_attribute("aria-disabled", "true")
+    expect(phone.locator("#holder")).to_contain_text("you watch")
     phone.locator("#home").dispatch_event("click")
     expect(phone.locator("#message")).to_contain_text("press Take control first")
     begin(desk, port, "stop")
