@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-import time
+import subprocess
 from concurrent.futures import Future
 from pathlib import Path
 from urllib.parse import quote
@@ -55,15 +55,22 @@ def test_a_command_needs_control(client, method, path, body):
         assert (answer.status_code, answer.json()["code"]) == (409, "no-control")
 
 
-def test_a_long_job_has_a_coarse_picture_while_another_is_checked(controller, console, monkeypatch):
+def test_a_long_job_has_a_coarse_picture_while_another_is_checked(
+    controller, console, monkeypatch, tmp_path
+):
     """The picture goes when the check ends, so the check waits here."""
     monkeypatch.setattr("cnc.server.console.SKETCHED", 10)
     controller("PUT", "/api/jobs/sketched.nc", {"text": PROGRAM})
     assert controller("GET", "/api/jobs/sketched.nc/sketch").status_code == 404
-    console._workers().pool.submit(time.sleep, 600.0)
-    assert controller("POST", "/api/jobs/sketched.nc/check").status_code == 200
-    wait_until(lambda: controller("GET", "/api/jobs/sketched.nc/sketch").status_code == 200)
-    about = controller("GET", "/api/jobs/sketched.nc/sketch").json()["about"]
+    over = tmp_path / "over"
+    other = f"until [ -e '{over}' ]; do sleep 0.05; done"
+    console._workers().pool.submit(subprocess.run, ["sh", "-c", other])
+    try:
+        assert controller("POST", "/api/jobs/sketched.nc/check").status_code == 200
+        wait_until(lambda: controller("GET", "/api/jobs/sketched.nc/sketch").status_code == 200)
+        about = controller("GET", "/api/jobs/sketched.nc/sketch").json()["about"]
+    finally:
+        over.touch()
     assert about["extent"][0] == pytest.approx([0.0, 30.0], abs=1e-3)
     assert about["extent"][1] == pytest.approx([0.0, 10.0], abs=0.06)
 
