@@ -179,13 +179,15 @@ def test_the_program_has_the_expected_blocks(case: Case) -> None:
 
 TILTING = {"G43.4", "G43.5", "M428", "M429", "M430"}
 """Codes of machines with tilting axes, which have tests of their own."""
+OF_LATHES = {"siemens": {"G33"}}
+"""Codes that a mill refuses; the tests of the control's lathes have them."""
 
 
 @pytest.mark.parametrize("dialect", dialects.with_codes())
 def test_every_code_has_a_program(dialect: str) -> None:
     """Every legal code of a dialect is in a program that is run in that dialect."""
     shown = {code for case in CASES if dialect in case.in_dialects() for code in case.codes}
-    assert _codes(dialect) - shown - TILTING == set()
+    assert _codes(dialect) - shown - TILTING - OF_LATHES.get(dialect, set()) == set()
 
 
 def test_programs_contain_the_codes_of_their_heading() -> None:

@@ -111,10 +111,11 @@ def test_a_stretch_takes_no_more_cells_than_its_time_allows(rough, monkeypatch):
     monkeypatch.setattr(refine, "fastest", counted)
     stretch = Stretch(phases, 0, len(phases), float(known.end[-1]), 0.0, rough)
     out = np.empty(8 * len(phases) + 4096, phases.dtype)
-    legal, out, count = refine.refine_stretch.py_func(
-        stretch, known, sum_limits(limits.arrays), out, 0
-    )
     allowed = refine.MOST_CELLS * phases["duration"].sum()
+    left = np.full(1, np.inf if rough else allowed)
+    legal, out, count = refine.refine_stretch.py_func(
+        stretch, known, sum_limits(limits.arrays), left, out, 0
+    )
     assert legal
     if rough:
         assert sum(cells) * refine.FAILED > allowed, "the case shows nothing"
