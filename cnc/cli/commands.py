@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
-from cyclopts import App, CycloptsError, Group, Parameter
+from cyclopts import App, CycloptsError, Parameter
 from cyclopts.argument import ArgumentCollection
 
 import cnc
@@ -106,24 +106,19 @@ app = Application(
 )
 
 ProgramOption = Annotated[str, output("The program (- is standard input).")]
-LOOK, RUN, SET_UP, WRITE, DEVELOP = (
-    Group.create_ordered(name) for name in ("Look", "Run", "Set up", "Write", "Develop")
-)
-for flag in ("--help", "--version"):
-    app[flag].group = (DEVELOP,)
-app.command(home, group=RUN)
-app.command(jog, group=RUN)
-app.command(zero, group=RUN)
-app.command(mdi, group=RUN)
-app.command(unlock, group=RUN)
-app.command(serve, group=RUN)
-app.command(boards, group=SET_UP)
-app.command(settings, group=SET_UP)
-app.command(height_map, group=SET_UP)
+app.command(settings)
+app.command(boards)
+app.command(home)
+app.command(jog)
+app.command(unlock)
+app.command(zero)
+app.command(mdi)
+app.command(height_map)
+app.command(serve)
 COMMON, BOARD, CHECK = CommonOptions(), BoardOptions(), CheckOptions()
 
 
-@app.command(group=RUN)
+@app.command
 def run(
     program: ProgramOption,
     /,
@@ -169,7 +164,7 @@ def run(
     return checking.finish(report, common)
 
 
-@app.command(group=LOOK)
+@app.command
 def check(
     *programs: Annotated[
         str, Parameter(help="Programs, folders of programs, and patterns such as 'parts/**/*.nc'.")
@@ -204,7 +199,7 @@ def check(
     return checking.check_programs(names, common, options, format, baseline, fail_on)
 
 
-@app.command(group=LOOK)
+@app.command
 def diff(
     first: ProgramOption,
     second: Annotated[str, output("The program to compare with it.")],
@@ -235,7 +230,7 @@ def diff(
     return checking.compare_programs((first, second), machine, dialect, json, quiet=terminal.quiet)
 
 
-@app.command(group=LOOK)
+@app.command
 def view(
     program: ProgramOption,
     /,
@@ -265,7 +260,7 @@ def view(
     return checking.finish(report, common, output)
 
 
-@app.command(group=DEVELOP)
+@app.command
 def papers(
     folder: Annotated[Path, Parameter(help="Folder for the page and its figures.")] = Path(
         "papers"
@@ -296,7 +291,7 @@ def papers(
     return 0
 
 
-@app.command(group=SET_UP)
+@app.command
 def tools(
     program: Annotated[str, output("The program (- is standard input).")],
     /,
@@ -319,7 +314,7 @@ def tools(
     return 0
 
 
-@app.command(name="format", group=WRITE)
+@app.command(name="format")
 def format_programs(
     *programs: Annotated[
         str, Parameter(help="Programs, folders of programs, and patterns such as 'parts/**/*.nc'.")
@@ -354,7 +349,7 @@ def format_programs(
     )
 
 
-@app.command(group=LOOK)
+@app.command
 def config(program: ProgramOption, /) -> int:
     """Show what holds for a program by its project file, and why.
 
@@ -367,7 +362,7 @@ def config(program: ProgramOption, /) -> int:
     return 0
 
 
-@app.command(group=WRITE)
+@app.command
 def convert(
     program: ProgramOption,
     /,
@@ -399,7 +394,7 @@ def convert(
     )
 
 
-@app.command(group=SET_UP)
+@app.command
 def warm(*, quiet: Annotated[bool, option("Print nothing but errors.")] = False) -> int:
     """Compile all kernels now, for an image or a CI job.
 
@@ -420,7 +415,7 @@ def _compile(*, quiet: bool) -> None:
         ensure_compiled(callbacks.on_compiling, callbacks.on_kernel)
 
 
-@app.command(group=DEVELOP)
+@app.command
 def schema(
     document: Annotated[
         Literal["machine", "project", "summary", "checkpoint", "height-map"],

@@ -324,13 +324,13 @@ def test_the_collector_looks_at_new_objects_less_often_than_by_default():
         gc.set_threshold(*before)
 
 
-def test_help_is_short_and_has_one_line_for_each_command(cncrun):
+def test_help_fits_a_screen_and_has_one_line_for_each_command(cncrun):
     code, out, _ = cncrun("--help")
     assert code == 0
-    assert len(out.splitlines()) <= 48
+    assert len(out.splitlines()) <= 35
     rows = [line.strip("│ \n") for line in out.splitlines() if line.startswith("│")]
     commands = sorted(name for name in app if not name.startswith("-"))
-    assert sorted(row.split()[0] for row in rows) == ["--help", "--version", *commands]
+    assert [row.split()[0] for row in rows] == [*commands, "--help", "--version"]
     assert not {"--board", "--trace", "--dialect"} & set(out.replace(",", " ").split())
     assert "cncrun run --help" in out
 
