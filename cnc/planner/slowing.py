@@ -455,12 +455,19 @@ def slower_plan(request: Request, slow_from: float) -> SlowerPlan | None:
         if _time_to_rest(plan) > AT_REST * time:
             return None
         # It rests about as soon as a ramp that begins a little later would end.
-        count = first_rest(plan)
-        rest = float(plan[count]["s"]) if count < len(plan) else request.goal
-        return SlowerPlan(plan, count, rest, slowing)
+        return followed_to_rest(request)
     ramp, phases = found
     behind = float(phases[ramp]["s"]) if ramp < len(phases) else request.goal
     return SlowerPlan(phases, ramp, max(slow_from, behind), slowing)
+
+
+def followed_to_rest(request: Request) -> SlowerPlan:
+    """Return the plan so far, which keeps the feeds of the request behind its first rest."""
+    plan = request.plan
+    count = first_rest(plan)
+    rest = float(plan[count]["s"]) if count < len(plan) else request.goal
+    slowing = replace(request.path.limits, slowing_from=float(plan["v"].max()) * (1.0 + MARGIN))
+    return SlowerPlan(plan, count, rest, slowing)
 
 
 def rests_soon(request: Request) -> bool:

@@ -43,6 +43,7 @@ from cnc.planner.plan import PlanChunk, RunClock
 from cnc.planner.slowing import (
     Request,
     SlowedPlan,
+    followed_to_rest,
     rests_soon,
     searched_soon,
     slowed,
@@ -109,6 +110,11 @@ SLICE_LENGTH = 0.01
 LONGER = 1.1
 """A motion that a search finds may slow for so many times the time of one by the clock: it goes on
 faster.
+"""
+
+LATEST = 2.4
+"""Straight ramps to rest along the slowest axis, within which a lower feed is kept. The promise is
+2.46, see ``docs/explanation/planner.md``; a rest is better than to be later.
 """
 
 MORE_SLOWLY = 0.9
@@ -384,24 +390,40 @@ class Window:
 
         A search finds a faster motion. But it may find none, or take long; then the clock of the
         plan so far is slowed, and it is planned anew from the first point without acceleration.
+        Where both would be late, but a rest is near, the motion rests for an instant.
         """
         plan, (goal, rests) = self._plan, self._path.goal(self._at)
         request = Request(self._path, plan.phases, self._at, goal, rests, False)
-        sought = slowed(request) if searched_soon(request) else None
+        sought = slowed(request) if (soon := searched_soon(request)) else None
         time = inf if sought is None else time_before(sought.phases, sought.slow_from)
-        by_clock = None
+        by_clock, time_by_clock = None, inf
         if time > 0.0:
             clocked = replace(request, goal=plan.rest_at, rests=False)
             by_clock = slower_plan(clocked, plan.slow_from)
-        if by_clock is None:
-            return self._adopt(sought if time < inf else slowed(request))
-        if time <= LONGER * time_before(by_clock.phases, by_clock.slow_from):
+        if by_clock is not None:
+            time_by_clock = time_before(by_clock.phases, by_clock.slow_from)
+        elif not soon:
+            sought = slowed(request)
+            time = inf if sought is None else time_before(sought.phases, sought.slow_from)
+        if (late := min(time, time_by_clock)) > LATEST * self._ramp():
+            rest = slowed(replace(request, stops=True))
+            if rest is not None and time_before(rest.phases, inf) < late:
+                return self._adopt(rest)
+            followed = followed_to_rest(request)
+            if rest is None and time_before(plan.phases, followed.slow_from) < late:
+                by_clock, time = followed, inf
+        if by_clock is None or time <= LONGER * time_by_clock:
             return self._adopt(sought)
         plan.slow_from, plan.slowing = by_clock.slow_from, by_clock.limits
         plan.phases, plan.settled = by_clock.phases, by_clock.lead
         plan.unsettled, plan.arrived, plan.follow = 0, 0, 1
         self.unproved = True
         return True
+
+    def _ramp(self) -> float:
+        """Return the time of the straight ramp to rest along the slowest axis, s."""
+        v = float(self._plan.phases[0]["v"])
+        return 2.0 * self.limits.stopping_distance(v, any_direction=True) / v if v > 0.0 else 0.0
 
     def _plan_from_copy(self) -> None:
         """Plan anew behind a ramp to a slower copy of the plan before; settle some of it.

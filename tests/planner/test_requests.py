@@ -93,6 +93,26 @@ def test_a_request_takes_effect_within_the_promised_time(
         assert answer.behind <= BEHIND * answer.ramp + answer.chain + SLICE, message
 
 
+NEAR_A_REST = [
+    # The plan comes to rest by itself.
+    ("exact NURBS", 0, 29111829, 0),
+    # It slows for a bend, and can come to rest in 0.06 s.
+    ("exact NURBS", 0, 29111829, 6),
+]
+"""Programs, and seeds of the moment. A bend locks the motion, but it rests within 0.6 ramps."""
+
+
+@pytest.mark.parametrize("percent", [1.0, 20.0])
+@pytest.mark.parametrize(("family", "number", "seed", "moment"), NEAR_A_REST)
+def test_a_lower_feed_comes_no_later_than_a_rest(family, number, seed, moment, percent, tmp_path):
+    """Where no ramp to the new feed is in time, the motion rests for an instant."""
+    rng = np.random.default_rng([seed, FAMILIES.index(family), number])
+    program = random_program(family, rng, tmp_path)
+    answer = answered(program, np.random.default_rng(moment), (percent,))
+    assert answer is not None
+    assert answer.effect <= 0.6 * answer.ramp, answer
+
+
 INSIDE = 0.95
 """Part of the requests inside of long motions past corners for which there is room at once."""
 
