@@ -113,6 +113,20 @@ def test_a_lower_feed_comes_no_later_than_a_rest(family, number, seed, moment, p
     assert answer.effect <= 0.6 * answer.ramp, answer
 
 
+def test_a_plan_is_examined_where_a_bend_is_sharper_than_the_intervals(tmp_path):
+    """A cusp of a NURBS turns within 1e-7 mm. There the refinement exceeded a jerk by 1.7 %."""
+    rng = np.random.default_rng([282819491, FAMILIES.index("exact NURBS"), 10])
+    program = random_program("exact NURBS", rng, tmp_path)
+    control = Control(100.0)
+    ahead, end = LookAhead(program.machine, control), 0.0
+    for item in ahead.plan(program.path):
+        assert isinstance(item, PlanChunk)
+        end = item.t0 + item.duration
+        if end >= 1.9:
+            control.override(120.0)
+    assert end > 3.4
+
+
 INSIDE = 0.95
 """Part of the requests inside of long motions past corners for which there is room at once."""
 

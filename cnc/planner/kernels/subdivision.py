@@ -451,9 +451,12 @@ def chunk_intervals(
             reliable = math.inf
             while True:
                 v, top = bound_speeds(sampling, data, at, fastest, limits)
-                if line or end - start <= SHORTEST:
+                if line:
                     break
                 reliable = sampled_speed(sampling, (end - start) / (SAMPLES - 1), limits)
+                # A bend may be sharper than the shortest interval shows.
+                if end - start <= SHORTEST:
+                    break
                 if reliable > 0.0 and reliable >= min(top, refined * v):
                     break
                 reliable = math.inf
