@@ -113,18 +113,31 @@ def test_a_lower_feed_comes_no_later_than_a_rest(family, number, seed, moment, p
     assert answer.effect <= 0.6 * answer.ramp, answer
 
 
-def test_a_plan_is_examined_where_a_bend_is_sharper_than_the_intervals(tmp_path):
-    """A cusp of a NURBS turns within 1e-7 mm. There the refinement exceeded a jerk by 1.7 %."""
-    rng = np.random.default_rng([282819491, FAMILIES.index("exact NURBS"), 10])
+ONCE_REFUSED = [
+    # A cusp turns within 1e-7 mm. There the refinement exceeded a jerk by 1.7 %.
+    (10, 282819491, 100.0, 120.0, 1.9133),
+    # The ramp to a slower copy of the plan ends within 1e-8 mm of its rest.
+    (3, 4277817357, 100.0, 10.0, 1.9905),
+]
+"""Exact NURBS: number and seed of a program, override before and request, %, and moment, s. The
+audit refused a plan that the request led to.
+"""
+
+
+@pytest.mark.parametrize(("number", "seed", "before", "percent", "moment"), ONCE_REFUSED)
+def test_the_audit_accepts_what_follows(number, seed, before, percent, moment, tmp_path):
+    rng = np.random.default_rng([seed, FAMILIES.index("exact NURBS"), number])
     program = random_program("exact NURBS", rng, tmp_path)
-    control = Control(100.0)
-    ahead, end = LookAhead(program.machine, control), 0.0
-    for item in ahead.plan(program.path):
-        assert isinstance(item, PlanChunk)
-        end = item.t0 + item.duration
-        if end >= 1.95:
-            control.override(120.0)
-    assert end > 3.4
+    control = Control(before)
+    ahead, end, last = LookAhead(program.machine, control), 0.0, None
+    for last in ahead.plan(program.path):
+        assert isinstance(last, PlanChunk)
+        end = last.t0 + last.duration
+        if end >= moment:
+            control.override(percent)
+    assert last is not None
+    assert last.phase_v[-1] == 0.0
+    assert end > moment
 
 
 INSIDE = 0.95

@@ -405,6 +405,10 @@ def next_step(
     return h, j, placed(after(state, h, j), change)
 
 
+ROUNDED = 1e-3
+"""Relative difference of two times of a phase that rounding explains."""
+
+
 @njit
 def write_copy(state: State, part: float, plan: Phases, out: Phases, count: int) -> int:
     """Append the plan at ``part`` of its speed, from a state on it on; return the new count."""
@@ -412,8 +416,16 @@ def write_copy(state: State, part: float, plan: Phases, out: Phases, count: int)
     t = phase_time(row["v"], row["a"], row["j"], row["duration"], max(state.s - row["s"], 0.0))
     square, cube = part * part, part * part * part
     if t < row["duration"]:
-        left = (row["duration"] - t) / part
-        write_phase(out, count, left, state.s, state.v, state.a, row["j"] * cube)
+        left, j = (row["duration"] - t) / part, row["j"] * cube
+        # Near the end of the phase, the time by the arc length has the rounding of the latter. The
+        # jerk to the speed and the acceleration there has not.
+        _, v, a = phase_at(row["duration"], row["s"], row["v"], row["a"], row["j"])
+        v, a = v * part, a * square
+        if (v - state.v) * (a + state.a) > 0.0:
+            exact = 2.0 * (v - state.v) / (a + state.a)
+            if abs(exact - left) <= ROUNDED * left:
+                left, j = exact, (a - state.a) / exact
+        write_phase(out, count, left, state.s, state.v, state.a, j)
         count += 1
     for r in range(state.row + 1, len(plan)):
         row = plan[r]
