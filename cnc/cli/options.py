@@ -361,7 +361,8 @@ class ConvertOptions:
         ),
     ] = 0.01
     curves: Annotated[
-        Curves, option("How short straight moves are written: as they are, or as arcs.")
+        Curves,
+        option("How short straight moves are written: as they are, as arcs, or as NURBS."),
     ] = "lines"
 
     def output(self, program: str) -> str:

@@ -151,6 +151,10 @@ class _Conversion:
         source = self._known.rules()
         self._target = Target(dialects.load(to), source)
         self._to = to
+        if fit.curves == "nurbs" and not self._target.spline:
+            message = f"{to} has no NURBS"
+            hint = "write arcs (--curves arcs); linuxcnc, fanuc and siemens have NURBS"
+            raise UsageError(Diagnostic("convert-no-nurbs", message, hint=hint))
 
     def _reader(
         self, path: Path, dialect: DialectName, version: int, offsets: dict[int, float]

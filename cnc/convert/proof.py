@@ -330,12 +330,15 @@ def _region(one: _Cursor, other: _Cursor, region: Region, axes: tuple[str, ...])
     feeds = [_feeds(elements) for elements in (of_program, of_result)]
     if not of_result or not np.allclose(feeds[0], feeds[1], rtol=SAME_FEED, atol=0.0):
         raise Differs(begin, of_result[0] if of_result else None, "the feeds differ")
-    if len(of_result) == 1 and not any(
-        isinstance(curve, ArcFeed | NurbsFeed) for curve in of_program
-    ):
+    curved = any(isinstance(curve, ArcFeed | NurbsFeed) for curve in of_program)
+    if len(of_result) == 1 and not curved:
         moves = [element for element in of_program if isinstance(element, Straights)]
         points = np.concatenate([start[None], *(run.points for run in moves)])
-        return _from_curve(points, of_result[0], axes)
+        if not isinstance(of_result[0], NurbsFeed):
+            return _from_curve(points, of_result[0], axes)
+        apart = _from_chords(points, _track(of_result, start, axes).points)
+        if apart is not None:
+            return apart
     tracks = [_track(elements, start, axes) for elements in (of_program, of_result)]
     return farthest(*tracks).distance
 
@@ -355,10 +358,7 @@ def _from_curve(points: Floats, curve: Block, axes: tuple[str, ...]) -> float:
         curve: An arc, or a straight move.
         axes: Letters of the axes.
     """
-    share = np.arange(PARTS) / PARTS
-    steps = np.diff(points, axis=0)
-    places = points[:-1, None] + share[None, :, None] * steps[:, None]
-    places = np.concatenate((places.reshape(-1, points.shape[1]), points[-1:]))
+    places = _places(points)
     end = curve.points[-1] if isinstance(curve, Straights) else getattr(curve, "end", points[-1])
     apart = float(np.linalg.norm(points[-1] - end))
     if not isinstance(curve, ArcFeed):
@@ -379,6 +379,62 @@ def _from_curve(points: Floats, curve: Block, axes: tuple[str, ...]) -> float:
     # A way back is as far from the curve as it is long.
     back = float((np.maximum.accumulate(along) - along).max()) * length
     return max(apart, back, float(np.linalg.norm(places - on_curve, axis=1).max()))
+
+
+NEAR = 0.03
+"""Part of a curve on which the place next to one of the program is sought."""
+
+
+def _from_chords(points: Floats, chords: Floats) -> float | None:
+    """Return the distance of straight moves through points from short chords of a curve, mm.
+
+    It is measured as by :func:`_from_curve`. A place on the moves is compared with the chords at
+    about the same part of the length.
+
+    Args:
+        points: Points (n, axes) from the start on.
+        chords: Points (m, axes) on the curve, from its start on.
+
+    Returns:
+        None if the next chord may be another one.
+    """
+    places = _places(points)
+    begins, steps = chords[:-1], np.diff(chords, axis=0)
+    squares = np.maximum(np.einsum("ij,ij->i", steps, steps), 1e-300)
+    reach = int(NEAR * len(steps)) + 4
+    guess = np.searchsorted(_shares(chords), _shares(places), side="right") - 1
+    best = np.full(len(places), np.inf)
+    chord, share = np.zeros(len(places), np.int64), np.zeros(len(places))
+    for offset in range(-reach, reach + 1):
+        k = np.clip(guess + offset, 0, len(steps) - 1)
+        apart = places - begins[k]
+        part = np.clip(np.einsum("ij,ij->i", apart, steps[k]) / squares[k], 0.0, 1.0)
+        apart -= part[:, None] * steps[k]
+        square = np.einsum("ij,ij->i", apart, apart)
+        nearer = square < best
+        best[nearer], chord[nearer], share[nearer] = square[nearer], k[nearer], part[nearer]
+    inside = (chord > 0) & (chord < len(steps) - 1)
+    if (inside & (np.abs(chord - guess) == reach)).any():
+        return None
+    lengths = np.sqrt(squares)
+    way = np.concatenate(([0.0], np.cumsum(lengths)))[chord] + share * lengths[chord]
+    back = float((np.maximum.accumulate(way) - way).max())
+    ends = [float(np.linalg.norm(points[k] - chords[k])) for k in (0, -1)]
+    return max(back, *ends, math.sqrt(float(best.max())))
+
+
+def _places(points: Floats) -> Floats:
+    """Return places on straight moves through points, PARTS on each, and the end."""
+    share = np.arange(PARTS) / PARTS
+    places = points[:-1, None] + share[None, :, None] * np.diff(points, axis=0)[:, None]
+    return np.concatenate((places.reshape(-1, points.shape[1]), points[-1:]))
+
+
+def _shares(points: Floats) -> Floats:
+    """Return the part of the length at each point (n,), from 0 to 1."""
+    along = np.cumsum(np.linalg.norm(np.diff(points, axis=0, prepend=points[:1]), axis=1))
+    shares: Floats = along / max(float(along[-1]), 1e-300)
+    return shares
 
 
 def _curves(cursor: _Cursor, last: int) -> Iterator[Block]:

@@ -154,6 +154,15 @@ class Target:
         """Whether the control has M6."""
         return 6 in self.rules.m
 
+    @property
+    def spline(self) -> str:
+        """The code of a B-spline; empty where the control has none."""
+        if G.G5_2 in self.rules.g:
+            return "G5.2"
+        if self.rules.lines.bspline:
+            return "BSPLINE"
+        return "G6.2" if G.G6_2 in self.rules.g and "fanuc" in self.rules.nurbs else ""
+
     def path_code(self, control: PathControl) -> str:
         """Return the code of a path mode; empty where the control has none."""
         has = self.rules.g

@@ -9,26 +9,26 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.convert.curves import Curve, FitTo, curves_of
+from cnc.convert.curves import Curve, FitTo, Spline, curves_of, splines_of
 from cnc.convert.elements import Elements, Straights, size
+from cnc.convert.output import PLANE_CODES, UNKNOWN, Output
 from cnc.convert.target import Target, comments, number, without_comments
 from cnc.gcode.core.line_trace import ExecutedLines, Offsets
-from cnc.gcode.core.modal_groups import PLAIN_MOTIONS, PLANES, ModalState
+from cnc.gcode.core.modal_groups import PLAIN_MOTIONS, ModalState
 from cnc.gcode.reader.source_text import Window
 from cnc.gcode.reader.statements import Statement
 from cnc.gcode.reader.words import AXES, G, Word
 from cnc.model import parameter_numbers as numbers
 from cnc.model.blocks import (
     PLANE_AXES,
-    ROTARY_LETTERS,
     Abort,
     ArcFeed,
     Block,
@@ -40,26 +40,19 @@ from cnc.model.blocks import (
     NurbsFeed,
     Overrides,
     PathMode,
-    Plane,
     Probe,
     Spindle,
     Stop,
     Tool,
 )
-from cnc.model.diagnostics import Diagnostic, GcodeError
 
-MM_DIGITS, INCH_DIGITS = 5, 6
-"""Decimals of positions."""
 SHORTEST_RUN = 3
 """Straight moves. Fewer are written as they are."""
-PLANE_CODES = {plane: code for code, plane in PLANES.items()}
-_CENTER = {"x": "I", "y": "J", "z": "K"}
 _FEED_CODES = {"inverse-time": "G93", "per-minute": "G94", "per-revolution": "G95"}
 _PLACES = AXES | set("IJKR")
 _STORED = frozenset((G.G28_1, G.G30_1))
 _TAPPING = frozenset((G.G74, G.G84))
 _RETURNS = frozenset((G.G28, G.G30, G.G53))
-_UNKNOWN: Any = "unknown"
 _STATED = {
     "scale": "units", "absolute": "distance", "plane": "plane", "feed_mode": "feed-mode",
     "initial_level": "retract",
@@ -115,23 +108,6 @@ class Notes:
         self.remarks.setdefault((kind, text), []).append(line)
 
 
-@dataclass
-class _State:
-    """State of the control behind the lines written so far."""
-
-    motion: Any = _UNKNOWN
-    plane: Any = _UNKNOWN
-    scale: Any = _UNKNOWN
-    absolute: Any = _UNKNOWN
-    arc_absolute: bool = False
-    feed_mode: Any = _UNKNOWN
-    feed: Any = _UNKNOWN
-    initial_level: Any = _UNKNOWN
-    speed: Any = _UNKNOWN
-    tool: Any = _UNKNOWN
-    system: Any = _UNKNOWN
-
-
 class Writer:
     """Writes the lines.
 
@@ -159,15 +135,9 @@ class Writer:
         self.systems: dict[int, int] = {}
         self.executed: list[tuple[int, int]] = []
         self._file = ""
-        self._parts: list[bytes] = []
-        self._line = 1
-        self._label = b""
+        self._out = Output(target, axes, start)
         self._elements = Elements(start)
         self._curves = 0
-        self._position = start
-        self._state = _State()
-        self._shift: tuple[float, ...] = (0.0,) * len(axes)
-        self._tool: tuple[float, ...] = (0.0,) * len(axes)
         self._origins: dict[int, tuple[float, ...]] = {}
         self._before: ExecutedLines | None = None
         self._open_kept = False
@@ -180,7 +150,7 @@ class Writer:
 
     def text(self) -> bytes:
         """Return all lines."""
-        return b"".join(self._parts)
+        return b"".join(self._out.parts)
 
     # The stream of executed lines
 
@@ -191,7 +161,7 @@ class Writer:
             GcodeError: ``convert-cannot``.
         """
         if self.target.rules.flavour == "macro-b":
-            self._put("%")
+            self._out.put("%")
         pending: list[Block] = []
         for block in blocks:
             if not isinstance(block, ExecutedLines):
@@ -203,10 +173,10 @@ class Writer:
         if pending and self._before is not None:
             self._write_elements(self._before, list(self._elements.of(pending)))
         if not self._ended and (end := self.target.ends()):
-            self._put(end)
-            self.notes.add("added", f"{end} at the end", self._line - 1)
+            self._out.put(end)
+            self.notes.add("added", f"{end} at the end", self._out.line - 1)
         if self.target.rules.flavour == "macro-b":
-            self._put("%")
+            self._out.put("%")
 
     def _executed(self, mark: ExecutedLines, elements: list[Block]) -> None:
         before, self._before = self._before, mark
@@ -223,14 +193,14 @@ class Writer:
                 self._gather(mark, elements)
                 return
             self._write_run()
-        first = self._line
+        first = self._out.line
         if is_run or self._keeps(before, mark, elements):
             if is_run:
                 self._keep_run(before, mark)
             else:
                 self._keep_line(before, mark, elements)
             self._curves += sum(map(size, elements))
-            self._position = self._elements.position
+            self._out.position = self._elements.position
             self._note_events(elements)
             self.notes.kept += count
             form = () if mark.statement is None else self.target.form(mark.statement)
@@ -250,7 +220,7 @@ class Writer:
             return 0
         if self.fit.curves != "lines" and before.modal.motion != G.G1:
             return 0
-        modal, state = before.modal, self._state
+        modal, state = before.modal, self._out.state
         if (
             before.is_open
             or not before.is_plain
@@ -297,25 +267,25 @@ class Writer:
     def _keep_run(self, before: ExecutedLines, mark: ExecutedLines) -> None:
         words = self._missing(before.modal, (), before.offsets)
         modal = before.modal
-        if modal.motion is not None and modal.motion != self._state.motion:
+        if modal.motion is not None and modal.motion != self._out.state.motion:
             words.append(f"G{modal.motion.code:g}")
-        if modal.feed is not None and modal.feed != self._state.feed:
+        if modal.feed is not None and modal.feed != self._out.state.feed:
             words.append(f"F{number(self._feed_number(modal), 6)}")
         if words:
-            self._put(" ".join(words))
+            self._out.put(" ".join(words))
         text = self.target.spelled(mark.text)
-        self._parts.append(text if text.endswith((b"\n", b"\r")) else text + b"\n")
-        self._line += mark.last - mark.line + 1
+        self._out.parts.append(text if text.endswith((b"\n", b"\r")) else text + b"\n")
+        self._out.line += mark.last - mark.line + 1
         self._adopt(mark)
 
     def _same_zero(self, offsets: Offsets) -> bool:
         """Whether positions are written here with the same numbers as in the program."""
         if offsets.turned or any(offsets.local) or any(offsets.external):
             return False
-        known = self._state.system
-        if known is not _UNKNOWN and known != self._system(offsets.system):
+        known = self._out.state.system
+        if known is not UNKNOWN and known != self._system(offsets.system):
             return False
-        return offsets.shift == self._shift and offsets.tool == self._tool
+        return offsets.shift == self._out.shift and offsets.tool == self._out.tool
 
     def _system(self, system: int) -> int | None:
         """Return the coordinate system for one of the program; None where there is none."""
@@ -333,7 +303,7 @@ class Writer:
             return False
         cycle = modal.motion not in (None, *PLAIN_MOTIONS)
         has_code = self.target.in_group(statement.words, "motion")
-        if cycle and not has_code and self._state.motion != modal.motion:
+        if cycle and not has_code and self._out.state.motion != modal.motion:
             return False
         if cycle and modal.motion is not None and modal.motion.value not in self.target.g:
             return False
@@ -353,9 +323,9 @@ class Writer:
         sets_shift = any(
             word.letter == "G" and word.tenths in (920, 921, 922, 923) for word in words
         )
-        if old.tool != self._tool and not sets_tool:
+        if old.tool != self._out.tool and not sets_tool:
             return False
-        if old.shift != self._shift and not (sets_shift and old.shift == new.shift):
+        if old.shift != self._out.shift and not (sets_shift and old.shift == new.shift):
             return False
         if new.tool != old.tool and not sets_tool:
             return False
@@ -380,27 +350,27 @@ class Writer:
                 or (isinstance(element, Straights) and not np.isnan(element.feeds).all())
                 for element in elements
             )
-            if at_feed and "F" not in letters and mark.modal.feed != self._state.feed:
+            if at_feed and "F" not in letters and mark.modal.feed != self._out.state.feed:
                 missing.append(f"F{number(self._feed_number(mark.modal), 6)}")
             for group, letter, value, there in (
-                ("spindle", "S", modal.speed, self._state.speed),
-                ("tool-change", "T", modal.tool, self._state.tool),
+                ("spindle", "S", modal.speed, self._out.state.speed),
+                ("tool-change", "T", modal.tool, self._out.state.tool),
             ):
                 given = letter in letters or not self.target.in_group(words, group)
                 if not given and value is not None and value != there:
                     missing.append(letter + f"{value:.3f}".rstrip("0").rstrip("."))
             if missing:
-                self._put(" ".join(missing))
+                self._out.put(" ".join(missing))
             needs_code = not self.target.in_group(words, "motion") and letters & AXES
-            if needs_code and modal.motion is not None and modal.motion != self._state.motion:
+            if needs_code and modal.motion is not None and modal.motion != self._out.state.motion:
                 code = f"G{modal.motion.code:g} ".encode()
                 head = re.match(rb"[ \t]*(?:/[0-9]?[ \t]*)?(?:[Nn][ \t]*[0-9.]+[ \t]*)?", text)
                 at = head.end() if head else 0
                 text = text[:at] + code + text[at:]
-        self._put_bytes(text)
+        self._out.put_bytes(text)
         self._adopt(mark, words)
         if any(word.letter == "G" and word.tenths == 800 for word in words):
-            self._state.motion = _UNKNOWN
+            self._out.state.motion = UNKNOWN
         if any(word.letter == "G" and word.tenths == 100 for word in words):
             self._origins[mark.offsets.system] = mark.offsets.origin
 
@@ -409,19 +379,19 @@ class Writer:
 
         What neither the line nor an earlier one states, depends on the control.
         """
-        modal, state = mark.modal, self._state
+        modal, state = mark.modal, self._out.state
         for name, group in _STATED.items():
             if (
                 words is None
-                or getattr(state, name) is not _UNKNOWN
+                or getattr(state, name) is not UNKNOWN
                 or self.target.in_group(words, group)
             ):
                 setattr(state, name, getattr(modal, name))
         for name in ("motion", "arc_absolute", "feed", "speed", "tool"):
             setattr(state, name, getattr(modal, name))
-        if words is None or state.system is not _UNKNOWN or self.target.in_group(words, "system"):
+        if words is None or state.system is not UNKNOWN or self.target.in_group(words, "system"):
             state.system = self._system(mark.offsets.system)
-        self._shift, self._tool = mark.offsets.shift, mark.offsets.tool
+        self._out.shift, self._out.tool = mark.offsets.shift, mark.offsets.tool
 
     def _missing(
         self,
@@ -441,7 +411,7 @@ class Writer:
             offsets: The offsets.
             is_cycle: Whether it is a canned cycle.
         """
-        state, codes = self._state, self.target.rules.g
+        state, codes = self._out.state, self.target.rules.g
         system = self._system(offsets.system)
         wanted: list[tuple[str, str, object, str]] = [
             ("scale", "units", modal.scale, "G21" if modal.scale == 1.0 else "G20"),
@@ -483,28 +453,28 @@ class Writer:
         if statement is not None:
             self._check(statement, mark)
             if self._probed and (statement.computed or statement.control or statement.assignments):
-                raise self._cannot(
+                raise self._out.cannot(
                     mark,
                     f"the answer of the probe in line {self._probed} decides about this line",
                     "measure on the machine, and write the result into the program",
                 )
         if not text.strip():
-            self._put("")
+            self._out.put("")
             return
         remarks = comments(text)
         if code.startswith(("O", ":")) and not elements:
             remarks = [" ".join((code, *remarks))]
         if not any(isinstance(element, Message) for element in elements):
             for remark in remarks:
-                self._put(self.target.comment(remark))
+                self._out.put(self.target.comment(remark))
         if code and code != "%":
             self.notes.expanded += 1
         if len(elements) > 1 and statement is not None and not statement.control:
-            self._put(self.target.comment(code))
+            self._out.put(self.target.comment(code))
         if statement is not None and statement.words and statement.words[0].letter == "N":
-            self._label = statement.words[0].written.encode() + b" "
+            self._out.label = statement.words[0].written.encode() + b" "
         self._write_elements(mark, elements)
-        self._label = b""
+        self._out.label = b""
         self._open_kept = self._open_kept and mark.is_open
 
     def _check(self, statement: Statement, mark: ExecutedLines) -> None:
@@ -517,15 +487,15 @@ class Writer:
             ):
                 if note.unchecked:
                     hint = "remove it, or write what the other control has for it"
-                    raise self._cannot(mark, f"{word.written} is {note.name}", hint)
+                    raise self._out.cannot(mark, f"{word.written} is {note.name}", hint)
                 self.notes.add("left out", f"{word.written} ({note.name})", mark.line)
             if word.letter == "G" and word.tenths in _STORED:
-                raise self._cannot(mark, f"{word.written} stores a position of the machine", "")
+                raise self._out.cannot(mark, f"{word.written} stores a position of the machine", "")
         if statement.deletable:
             self.notes.add("assumed", "block delete is off: the line is always executed", mark.line)
         if mark.modal.motion in _TAPPING and self.target.rules.name in ("grbl", "marlin"):
             hint = "tap by hand, or mill the thread"
-            raise self._cannot(mark, "the spindle does not follow the feed: no tapping", hint)
+            raise self._out.cannot(mark, "the spindle does not follow the feed: no tapping", hint)
 
     def _write_elements(self, mark: ExecutedLines, elements: list[Block]) -> None:
         last = len(elements) - 1
@@ -543,7 +513,7 @@ class Writer:
 
     def _sync(self, mark: ExecutedLines) -> None:
         """Bring about G90, the units and the offsets for moves that are written."""
-        state, offsets, has = self._state, mark.offsets, self.target.rules.g
+        state, offsets, has = self._out.state, mark.offsets, self.target.rules.g
         scale = mark.modal.scale
         words = []
         if state.scale != scale and (G.G21 if scale == 1.0 else G.G20) in has:
@@ -558,10 +528,10 @@ class Writer:
         state.scale, state.absolute, state.feed_mode = scale, True, "per-minute"
         state.system = system
         if words:
-            self._put(" ".join(words))
+            self._out.put(" ".join(words))
         if offsets.origin != self._origins[offsets.system]:
             self._write_origin(mark)
-        if offsets.tool != self._tool and G.G43_1 in has:
+        if offsets.tool != self._out.tool and G.G43_1 in has:
             self._write_tool_length(mark)
 
     def _system_for(self, mark: ExecutedLines) -> int:
@@ -571,12 +541,14 @@ class Writer:
         if system is not None:
             if system in self.systems.values() and index not in self.systems:
                 message = f"{numbers.SYSTEMS[system]} already stands for another system"
-                raise self._cannot(mark, message, "number the work offsets anew")
+                raise self._out.cannot(mark, message, "number the work offsets anew")
             return system
         used = set(self.systems.values()) | (set(self._origins) - {index})
         free = [place for place in range(self.target.systems) if place not in used]
         if not free:
-            raise self._cannot(mark, "the control has no more work offsets", "use fewer of them")
+            raise self._out.cannot(
+                mark, "the control has no more work offsets", "use fewer of them"
+            )
         self.systems[index] = free[-1]
         source = self.target.source.systems
         name = f"G54.1 P{index - source + 1}" if index >= source else numbers.SYSTEMS[index]
@@ -588,41 +560,30 @@ class Writer:
         """Write the origin of the coordinate system that the program has changed."""
         offsets = mark.offsets
         if 2 not in self.target.rules.offsets.written or G.G10 not in self.target.rules.g:
-            raise self._cannot(mark, "the program sets a work offset by a computed value", "")
-        assert self._state.system is not None
-        words = [f"G10 L2 P{self._state.system + 1}"]
+            raise self._out.cannot(mark, "the program sets a work offset by a computed value", "")
+        assert self._out.state.system is not None
+        words = [f"G10 L2 P{self._out.state.system + 1}"]
         words += [
-            f"{axis.upper()}{self._number(axis, value)}"
+            f"{axis.upper()}{self._out.number(axis, value)}"
             for axis, value in zip(self.axes, offsets.origin, strict=True)
             if axis.upper() in self.target.rules.axes
         ]
-        self._put(" ".join(words))
+        self._out.put(" ".join(words))
         self._origins[offsets.system] = offsets.origin
 
     def _write_tool_length(self, mark: ExecutedLines) -> None:
         tool = mark.offsets.tool
         if not any(tool):
-            self._put("G49")
+            self._out.put("G49")
         elif "z" in self.axes and not any(
             value for axis, value in zip(self.axes, tool, strict=True) if axis != "z"
         ):
             value = tool[self.axes.index("z")]
-            self._put(f"G43.1 Z{self._number('z', value)}")
+            self._out.put(f"G43.1 Z{self._out.number('z', value)}")
             self.notes.add("assumed", "lengths of tools are those of the tool table", mark.line)
         else:
             return
-        self._tool = tool
-
-    def _zero(self, mark: ExecutedLines) -> NDArray[np.float64]:
-        """Return the machine position of the control's program zero (axes,)."""
-        parts = (mark.offsets.origin, self._shift, self._tool)
-        return np.array([sum(values) for values in zip(*parts, strict=True)])
-
-    def _number(self, axis: str, value: float) -> str:
-        if axis in ROTARY_LETTERS:
-            return number(value, MM_DIGITS)
-        scale = self._state.scale
-        return number(value / scale, MM_DIGITS if scale == 1.0 else INCH_DIGITS)
+        self._out.tool = tool
 
     def _write_moves(self, mark: ExecutedLines, moves: Straights, *, is_last: bool) -> None:
         """Write straight moves."""
@@ -630,7 +591,7 @@ class Writer:
         returns = self._returns(mark)
         for place, (end, feed) in enumerate(zip(moves.points, moves.feeds.tolist(), strict=True)):
             in_machine = returns and is_last and place == len(moves.feeds) - 1
-            self._write_straight(mark, end, feed, in_machine=in_machine)
+            self._out.straight(mark, end, feed, in_machine=in_machine)
 
     # Short moves that are gathered to be written as curves
 
@@ -655,7 +616,7 @@ class Writer:
 
     def _gather(self, mark: ExecutedLines, elements: list[Block]) -> None:
         if not self._run:
-            self.written.append(Written(self._line, mark.file, mark.line, None, False))
+            self.written.append(Written(self._out.line, mark.file, mark.line, None, False))
         self._run += [element for element in elements if isinstance(element, Straights)]
         self._run_mark = mark
         self.notes.expanded += mark.last - mark.line + 1
@@ -674,16 +635,26 @@ class Writer:
             feed = float(feeds[begin])
             if end - begin < SHORTEST_RUN:
                 for point in points[begin:end]:
-                    self._write_straight(mark, point, feed)
+                    self._out.straight(mark, point, feed)
                 self._curves += end - begin
                 continue
-            places = np.concatenate((self._position[None], points[begin:end]))
-            for curve in curves_of(places, self.axes, self.fit):
-                first, line = self._curves, self._line
-                self._write_turn(mark, curve, feed)
+            places = np.concatenate((self._out.position[None], points[begin:end]))
+            for curve in self._curves_of(places):
+                first, line = self._curves, self._out.line
+                if isinstance(curve, Spline):
+                    self._out.spline(mark, curve, feed)
+                else:
+                    self._out.turn(mark, curve, feed)
                 self._curves += curve.moves
-                if curve.moves > 1 or curve.plane is not None:
-                    self.regions.append(Region(first, self._curves, line, self._line - 1))
+                if isinstance(curve, Spline) or curve.moves > 1 or curve.plane is not None:
+                    self.regions.append(Region(first, self._curves, line, self._out.line - 1))
+
+    def _curves_of(self, points: NDArray[np.float64]) -> Iterator[Curve | Spline]:
+        """Yield the curves for moves through points (n, axes)."""
+        if self.fit.curves == "nurbs":
+            planar = self.target.spline == "G5.2"
+            return splines_of(points, self.axes, self.fit, planar=planar)
+        return curves_of(points, self.axes, self.fit)
 
     def _returns(self, mark: ExecutedLines) -> bool:
         """Whether the last move of a line goes to a place in machine coordinates."""
@@ -699,60 +670,16 @@ class Writer:
                     return True
         return False
 
-    def _write_straight(
-        self,
-        mark: ExecutedLines,
-        end: NDArray[np.float64],
-        feed: float,
-        *,
-        in_machine: bool = False,
-    ) -> None:
-        """Write one straight move; with ``in_machine`` in machine coordinates (G53)."""
-        zero = self._zero(mark)
-        words = []
-        moved = np.abs(end - self._position) > 1e-9
-        for column in np.flatnonzero(moved).tolist():
-            axis = self.axes[column]
-            if in_machine:
-                words.append(axis.upper() + self._number(axis, float(end[column])))
-                continue
-            there = self._number(axis, float(end[column] - zero[column]))
-            if there != self._number(axis, float(self._position[column] - zero[column])):
-                words.append(axis.upper() + there)
-        if not words:
-            return
-        code = G.G0 if math.isnan(feed) else G.G1
-        if in_machine:
-            if G.G53 not in self.target.rules.g:
-                raise self._cannot(mark, "the control has no machine coordinates (G53)", "")
-            words.insert(0, f"G53 G{code.code:g}")
-            self._state.motion = code
-        elif self._state.motion != code:
-            words.insert(0, f"G{code.code:g}")
-            self._state.motion = code
-        if code == G.G1:
-            words += self._feed_word(feed)
-        self._put(" ".join(words))
-        self._position = end
-
-    def _feed_word(self, feed: float) -> list[str]:
-        per_minute = feed * 60.0 / self._state.scale
-        if self._state.feed == per_minute:
-            return []
-        self._state.feed = per_minute
-        digits = max(1, 7 - len(f"{per_minute:.0f}"))
-        return [f"F{number(per_minute, digits)}"]
-
     def _write_arc(self, mark: ExecutedLines, arc: ArcFeed) -> None:
         """Write an arc; one of several turns in turns."""
         count = max(1, math.ceil(abs(arc.turns) - 1e-9))
-        first, begin, start = self._curves, self._line, self._position
+        first, begin, start = self._curves, self._out.line, self._out.position
         for part in range(1, count + 1):
             share = min(part / abs(arc.turns), 1.0) if count > 1 else 1.0
             end = arc.end if part == count else self._on_arc(arc, start, share)
-            self._write_turn(mark, Curve(end, arc.plane, arc.center, arc.turns > 0.0), arc.feed)
+            self._out.turn(mark, Curve(end, arc.plane, arc.center, arc.turns > 0.0), arc.feed)
         if count > 1:
-            self.regions.append(Region(first, first + 1, begin, self._line - 1))
+            self.regions.append(Region(first, first + 1, begin, self._out.line - 1))
 
     def _on_arc(
         self, arc: ArcFeed, start: NDArray[np.float64], share: float
@@ -764,52 +691,18 @@ class Writer:
             end[column] = start[column]
         return end
 
-    def _write_turn(self, mark: ExecutedLines, curve: Curve, feed: float) -> None:
-        """Write one arc of at most a turn, or a straight move, from the present position."""
-        if curve.plane is None:
-            self._write_straight(mark, curve.end, feed)
-            return
-        self._set_plane(curve.plane)
-        zero = self._zero(mark)
-        code = G.G3 if curve.counter_clockwise else G.G2
-        words = [f"G{code.code:g}"]
-        plane = PLANE_AXES[curve.plane]
-        here = self._position
-        for column, axis in enumerate(self.axes):
-            if axis in plane or abs(curve.end[column] - here[column]) > 1e-9:
-                value = float(curve.end[column] - zero[column])
-                words.append(axis.upper() + self._number(axis, value))
-        for axis, center in zip(plane, curve.center, strict=True):
-            column = self.axes.index(axis)
-            written = float(self._number(axis, float(here[column] - zero[column])))
-            at = (center - zero[column]) / self._state.scale - written
-            digits = MM_DIGITS if self._state.scale == 1.0 else INCH_DIGITS
-            words.append(_CENTER[axis] + number(at, digits))
-        words += self._feed_word(feed)
-        self._state.motion = code
-        self._put(" ".join(words))
-        self._position = curve.end
-
-    def _set_plane(self, plane: Plane) -> None:
-        words = []
-        if self._state.plane != plane:
-            words.append(f"G{PLANE_CODES[plane].code:g}")
-            self._state.plane = plane
-        if self._state.arc_absolute:
-            words.append("G91.1")
-            self._state.arc_absolute = False
-        if words:
-            self._put(" ".join(words))
-
     def _write_curve(self, mark: ExecutedLines, curve: NurbsFeed) -> None:
         """Write a spline as arcs and lines within the tolerance."""
         self._sync(mark)
-        first, begin = self._curves, self._line
+        first, begin = self._curves, self._out.line
         points = self.fit.points_on(curve, self.axes)
-        for piece in curves_of(points, self.axes, self.fit):
-            self._write_turn(mark, piece, curve.feed)
-        self.regions.append(Region(first, first + 1, begin, self._line - 1))
-        self.notes.add("within the tolerance", "splines as arcs and lines", mark.line)
+        for piece in self._curves_of(points):
+            if isinstance(piece, Spline):
+                self._out.spline(mark, piece, curve.feed)
+            else:
+                self._out.turn(mark, piece, curve.feed)
+        self.regions.append(Region(first, first + 1, begin, self._out.line - 1))
+        self.notes.add("within the tolerance", "splines as other curves", mark.line)
 
     # Actions
 
@@ -834,25 +727,25 @@ class Writer:
         rules = self.target.rules
         match block:
             case Dwell(seconds=seconds):
-                self._put(self.target.dwell(seconds))
+                self._out.put(self.target.dwell(seconds))
             case Spindle(state="off"):
-                self._put("M5")
+                self._out.put("M5")
             case Spindle(surface_speed=0.0):
-                self._put(f"M{3 if block.state == 'cw' else 4} S{number(block.rpm, 3)}")
-                self._state.speed = block.rpm
+                self._out.put(f"M{3 if block.state == 'cw' else 4} S{number(block.rpm, 3)}")
+                self._out.state.speed = block.rpm
             case Coolant():
                 self._write_coolant(block)
             case Tool(change=True):
                 self._write_tool(block)
             case Stop(pallet=False):
-                self._put("M1" if block.optional and 1 in rules.m else "M0")
+                self._out.put("M1" if block.optional and 1 in rules.m else "M0")
             case End():
                 if end := self.target.ends():
-                    self._put(end)
+                    self._out.put(end)
                 self._ended = True
             case Message(text=text):
                 is_active = rules.name in ("linuxcnc", "mach3", "grbl")
-                self._put(f"(MSG, {text})" if is_active else self.target.comment(text))
+                self._out.put(f"(MSG, {text})" if is_active else self.target.comment(text))
             case PathMode():
                 self._write_path_mode(mark, block)
             case Overrides():
@@ -861,9 +754,9 @@ class Writer:
             case Probe():
                 self._write_probe(mark, block)
             case BoardCommand(text=text) if rules.lines.dollar:
-                self._put(text)
+                self._out.put(text)
             case _:
-                raise self._cannot(mark, _NAMES.get(type(block), type(block).__name__), "")
+                raise self._out.cannot(mark, _NAMES.get(type(block), type(block).__name__), "")
 
     def _write_coolant(self, block: Coolant) -> None:
         if (
@@ -871,23 +764,23 @@ class Writer:
             or (self._flood and not block.flood)
             or not (block.mist or block.flood)
         ):
-            self._put("M9")
+            self._out.put("M9")
             self._mist = self._flood = False
         if block.mist and not self._mist:
-            self._put("M7")
+            self._out.put("M7")
         if block.flood and not self._flood:
-            self._put("M8")
+            self._out.put("M8")
         self._mist, self._flood = block.mist, block.flood
 
     def _write_tool(self, block: Tool) -> None:
         if self.target.tool_change:
-            self._put(f"T{block.number} M6")
+            self._out.put(f"T{block.number} M6")
         else:
-            self._put(self.target.comment(f"TOOL {block.number}"))
-            self._put("M0")
+            self._out.put(self.target.comment(f"TOOL {block.number}"))
+            self._out.put("M0")
             text = "tools are changed by hand at M0; lengths are those of the tool table, or 0"
             self.notes.add("assumed", text, block.line)
-        self._state.tool = block.number
+        self._out.state.tool = block.number
 
     def _write_path_mode(self, mark: ExecutedLines, block: PathMode) -> None:
         code = self.target.path_code(block.control)
@@ -899,7 +792,7 @@ class Writer:
                 code += f" P{number(block.tolerance / mark.modal.scale, 5)}"
             else:
                 self.notes.add("assumed", "G64 has the control's own tolerance", block.line)
-        self._put(code)
+        self._out.put(code)
 
     def _write_probe(self, mark: ExecutedLines, probe: Probe) -> None:
         kind = (2 if probe.must else 3) + (0 if probe.towards else 2)
@@ -910,43 +803,20 @@ class Writer:
             words = ["G31"]
         else:
             hint = "measure on the machine"
-            raise self._cannot(mark, "the control has no such probing move", hint)
+            raise self._out.cannot(mark, "the control has no such probing move", hint)
         self._sync(mark)
-        zero = self._zero(mark)
-        for column in np.flatnonzero(np.abs(probe.end - self._position) > 1e-9).tolist():
+        zero = self._out.zero(mark)
+        for column in np.flatnonzero(np.abs(probe.end - self._out.position) > 1e-9).tolist():
             axis = self.axes[column]
-            words.append(axis.upper() + self._number(axis, float(probe.end[column] - zero[column])))
-        words += self._feed_word(probe.feed)
-        self._state.motion = _UNKNOWN
-        self._put(" ".join(words))
-        self._position, self._probed = probe.end, probe.line
+            words.append(
+                axis.upper() + self._out.number(axis, float(probe.end[column] - zero[column]))
+            )
+        words += self._out.feed_words(probe.feed)
+        self._out.state.motion = UNKNOWN
+        self._out.put(" ".join(words))
+        self._out.position, self._probed = probe.end, probe.line
 
     # Lines
-
-    def _put(self, text: str) -> None:
-        self._put_bytes(text.encode())
-
-    def _put_bytes(self, text: bytes) -> None:
-        if self._label and text and text[:1] not in (b"(", b";"):
-            text, self._label = self._label + text, b""
-        self._parts.append(text.rstrip(b"\r") + b"\n")
-        self._line += 1
-
-    def _cannot(self, mark: ExecutedLines, message: str, hint: str) -> GcodeError:
-        """Return the refusal of a line."""
-        text = mark.text.decode(errors="replace")
-        return GcodeError(
-            Diagnostic(
-                "convert-cannot",
-                f"{self.target.rules.name} cannot do this: {message}",
-                mark.file,
-                mark.line,
-                column=len(text) - len(text.lstrip()) + 1 if text.strip() else 0,
-                length=max(len(without_comments(text).strip()), 1),
-                text=text,
-                hint=hint,
-            )
-        )
 
 
 _NAMES: dict[type[Block], str] = {

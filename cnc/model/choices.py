@@ -33,5 +33,5 @@ WrapRule = Literal["dialect", "shortest", "sign", "in-turn"]
 """Direction of absolute moves of a rotary axis that repeats after 360 degrees."""
 TargetName = Literal["grbl", "linuxcnc", "fanuc", "haas", "siemens", "mach3", "marlin"]
 """Controls for which ``cncrun convert`` writes programs."""
-Curves = Literal["lines", "arcs"]
+Curves = Literal["lines", "arcs", "nurbs"]
 """How ``cncrun convert`` writes short straight moves."""

@@ -380,6 +380,96 @@ def test_short_moves_become_arcs_and_corners_stay(converted: Convert, tmp_path: 
     assert np.isclose(moves(file, "grbl")[:, :2], [40.0, 0.0], atol=1e-4).all(axis=1).any()
 
 
+def finishing(seed: int, rows: int, *, planar: bool) -> list[str]:
+    """Return a pass over a wavy surface, or over a plane, in chords of 0.15 mm."""
+    rng = np.random.default_rng(seed)
+    size, phase, wave = (
+        rng.uniform(0.3, 2.0, 2),
+        rng.uniform(0.0, 6.0, 2),
+        rng.uniform(0.05, 0.25, 2),
+    )
+    text = ["G21 G90 G17 G94 G54", "G0 X0 Y0 Z5", "F1500", "G1"]
+    for row in range(rows):
+        x = 0.15 * np.arange(400)[:: (-1) ** row]
+        bend = size[0] * np.sin(wave[0] * x + phase[0]) + size[1] * np.cos(wave[1] * x + phase[1])
+        y, z = (3.0 * row + bend, 0.0 * x) if planar else (0.3 * row + 0.02 * x, bend)
+        text += [f"X{a:.4f} Y{b:.4f} Z{c:.4f}" for a, b, c in zip(x, y, z, strict=True)]
+    return [*text, "G0 Z5", "M2"]
+
+
+def distances(points: np.ndarray, chords: np.ndarray) -> np.ndarray:
+    """Return the distance of points from a chain of chords, by brute force."""
+    begins, steps = chords[:-1], np.diff(chords, axis=0)
+    keep = np.einsum("ij,ij->i", steps, steps) > 0.0
+    begins, steps = begins[keep], steps[keep]
+    nearest = []
+    for point in points:
+        apart = point - begins
+        share = np.einsum("ij,ij->i", apart, steps) / np.einsum("ij,ij->i", steps, steps)
+        apart -= np.clip(share, 0.0, 1.0)[:, None] * steps
+        nearest.append(np.sqrt(np.einsum("ij,ij->i", apart, apart).min()))
+    return np.array(nearest)
+
+
+@pytest.mark.parametrize(
+    ("to", "planar", "fewer"),
+    [("fanuc", False, 9.0), ("siemens", False, 10.0), ("linuxcnc", True, 10.0)],
+)
+def test_short_moves_become_nurbs_within_the_tolerance(
+    converted: Convert, tmp_path: Path, to: TargetName, planar: bool, fewer: float
+) -> None:
+    """The curve of the result is evaluated by scipy, and measured by brute force."""
+    from scipy.interpolate import BSpline
+
+    text = finishing(share(int(np.random.default_rng().integers(1000)), 1), 3, planar=planar)
+    result = converted("\n".join(text), "linuxcnc", to, curves="nurbs", tolerance=0.01)
+    assert len(lines(result)) < len(text) / fewer
+    file, source = tmp_path / "out.nc", tmp_path / "in.nc"
+    file.write_bytes(result.text)
+    source.write_text("\n".join(text))
+    program = moves(source, "linuxcnc")[1:-1]
+    traced = [program[:1]]
+    for block in parse(file, dialect=to):
+        if isinstance(block, NurbsFeed):
+            assert (block.weights == 1.0).all()
+            u = np.linspace(block.knots[0], block.knots[-1], 40 * len(block.knots))
+            traced.append(BSpline(block.knots, block.control_points, block.degree)(u))
+        elif isinstance(block, Polyline):
+            traced.append(block.points)
+        elif isinstance(block, ArcFeed):
+            traced.append(block.end[None])
+    chords = np.concatenate(traced)
+    some = program[:: share(1, 7)]
+    assert distances(some, chords[: len(chords)]).max() <= 0.01 + 1e-4
+    assert 0.0 < result.of_curves <= 0.01
+
+
+def test_corners_between_nurbs_stay(converted: Convert, tmp_path: Path) -> None:
+    """Two half circles of chords meet at a right angle and at a straight move."""
+    angles = np.linspace(np.pi, 0.0, 200)
+    first = [(20 + 20 * np.cos(a), 20 * np.sin(a)) for a in angles]
+    second = [(40 + 20 + 20 * np.cos(a), 20 * np.sin(a)) for a in angles]
+    text = ["G21 G90 G17 G94 G54", "G0 X0 Y0 Z0", "F600", "G1 X0.001 Y0"]
+    text += [f"X{x:.4f} Y{y:.4f}" for x, y in [*first[1:], *second[1:], (100.0, 0.0)]]
+    result = converted("\n".join([*text, "M2"]), "linuxcnc", "fanuc", curves="nurbs")
+    file = tmp_path / "out.nc"
+    file.write_bytes(result.text)
+    ends = [
+        block.control_points[-1]
+        for block in parse(file, dialect="fanuc")
+        if isinstance(block, NurbsFeed)
+    ]
+    for corner in (first[-1], second[-1]):
+        assert min(float(np.hypot(*(end[:2] - corner))) for end in ends) < 1e-4
+
+
+def test_a_control_without_nurbs_is_told(converted: Convert) -> None:
+    for to in ("grbl", "haas", "mach3", "marlin"):
+        with pytest.raises(CncError) as refused:
+            converted("G21 G90\nG1 X1 F100\nM2\n", "linuxcnc", to, curves="nurbs")
+        assert refused.value.diagnostic.code == "convert-no-nurbs"
+
+
 # The command
 
 
