@@ -476,11 +476,11 @@ class ParameterMirror:
             self._text = np.concatenate((self._text, np.empty(end + size, np.uint8)))
         if used + names <= len(values.begin):
             return
-        more = len(values.begin) + names
+        # Each time all names are entered again, which takes longer than to look them up.
+        more = 3 * len(values.begin) + names
         self._known = names_space(len(values.begin) + more)
         begins, ends = values.begin[:used], values.end[:used]
-        text = self._text.copy()
-        add_names(text, begins, ends, self._text, self._known, np.empty(used, np.int32))
+        add_names(self._text, begins, ends, self._text, self._known, np.empty(used, np.int32))
         self._named = np.concatenate((self._named, np.full(more, math.nan)))
         self._left_alone = np.concatenate((self._left_alone, np.zeros(more, np.bool_)))
         self._changes = self._changes._replace(

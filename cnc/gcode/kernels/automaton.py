@@ -56,6 +56,7 @@ class Tables(NamedTuple):
         action: (s, t + 1) next state + 1, -rule - 1, or 0 for an error; the last column is the end.
         pair: (s, nonterminals) row of ``after``.
         after: (pairs, t + 1) state after a rule, by the next terminal.
+        act_after: (pairs, t + 1) its action.
         length: (r,) number of symbols of a rule.
         left: (r,) its nonterminal.
         kind: (r,) its kind.
@@ -73,6 +74,7 @@ class Tables(NamedTuple):
     action: Small
     pair: States
     after: States
+    act_after: Small
     length: States
     left: States
     kind: Bytes
@@ -196,7 +198,7 @@ def read(
         The number of events.
     """
     moves, final, start, token_of = tables.moves, tables.final, tables.start, tables.token
-    action, after, pair = tables.action, tables.after, tables.pair
+    action, pair, after, act_after = tables.action, tables.pair, tables.after, tables.act_after
     # Blanks between tokens are passed where they end a token, too.
     gaps = False
     for k in range(len(tables.ignored)):
@@ -268,9 +270,9 @@ def read(
                     begin_of[count], end_of[count] = firsts[top], last
                     count += 1
                     nodes = before[top] + 1
-                state = after[pair[states[top - 1], tables.left[rule]], token]
-                states[top] = state
-                act = action[state, token]
+                row = pair[states[top - 1], tables.left[rule]]
+                states[top] = state = after[row, token]
+                act = act_after[row, token]
             if act <= 0 or token == end_token or count == most:
                 break
             state = act - 1

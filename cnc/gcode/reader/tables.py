@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 NAMES = ("ngc", "macro", "sinumerik", "klartext")
 """Names of the grammars."""
 _DIGEST = 32
-_FORMAT = 6
+_FORMAT = 7
 """Version of the tables' form."""
 _MOST_TEXTS = 64
 """A terminal with up to so many texts is a list of keywords: each text has a number of its own."""
@@ -270,6 +270,7 @@ class _Maker:
             action=action,
             pair=pairs,
             after=after,
+            act_after=action[after, np.arange(action.shape[1])],
             length=np.array([len(rule.expansion) for rule in self._rules], np.uint16),
             left=np.array([self._nonterminals[rule.origin.name] for rule in self._rules], np.int16),
             kind=np.array([self._kind(rule) for rule in self._rules], np.uint8),
