@@ -593,9 +593,7 @@ class CompiledProgram:
         """Return the frame of a call that compiled code has entered."""
         listing = self._flow.listing
         line = int(table.text.line[table.frames.back[level] - 1]) + 1
-        window = listing.window(line - 1)
-        assert window is not None
-        statement = listing.statement(window, line - 1 - window.first)
+        statement = listing.statement_at(line - 1)
         assert statement is not None and statement.control is not None
         control = statement.control
         assert isinstance(control.label, str)

@@ -60,7 +60,7 @@ class Tables(NamedTuple):
         length: (r,) number of symbols of a rule.
         left: (r,) its nonterminal.
         kind: (r,) its kind.
-        kept: (t,) whether a terminal has an event.
+        kept: (t,) 1 for a terminal that has an event.
         ignored: (t,) whether it may stand anywhere and means nothing.
         number: (t,) whether it is a number without a sign.
         ends: first and last state of the parser.
@@ -75,10 +75,10 @@ class Tables(NamedTuple):
     pair: States
     after: States
     act_after: Small
-    length: States
+    length: Ints
     left: States
     kind: Bytes
-    kept: Bytes
+    kept: Ints
     ignored: Bytes
     number: Bytes
     ends: Ints

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 NAMES = ("ngc", "macro", "sinumerik", "klartext")
 """Names of the grammars."""
 _DIGEST = 32
-_FORMAT = 7
+_FORMAT = 8
 """Version of the tables' form."""
 _MOST_TEXTS = 64
 """A terminal with up to so many texts is a list of keywords: each text has a number of its own."""
@@ -271,10 +271,10 @@ class _Maker:
             pair=pairs,
             after=after,
             act_after=action[after, np.arange(action.shape[1])],
-            length=np.array([len(rule.expansion) for rule in self._rules], np.uint16),
+            length=np.array([len(rule.expansion) for rule in self._rules], np.int64),
             left=np.array([self._nonterminals[rule.origin.name] for rule in self._rules], np.int16),
             kind=np.array([self._kind(rule) for rule in self._rules], np.uint8),
-            kept=np.array([self._is_kept(name) for name in self._names], np.uint8),
+            kept=np.array([self._is_kept(name) for name in self._names], np.int64),
             ignored=np.array([name in self._ignored for name in self._names], np.uint8),
             number=np.array([name == "NUMBER" for name in self._names], np.uint8),
             ends=np.array([self._states[start], self._states[end]], np.int64),
