@@ -160,12 +160,13 @@ class Table:
         self.labels = window.names(coded.labels)
         lines = (copy.source.text.line[copy.begin : copy.end + 1] for copy in new)
         space = _control(place - len(self.text.line), len(self.labels) - len(control.sub))
+        pairs: Any = zip(control, space, strict=True)
         self.text = kernel.Text(
             np.concatenate([self.text.line, *lines]),
             window.sorted.lines.first,
             window.sorted.words,
             coded,
-            kernel.Control(*map(np.concatenate, zip(control, space, strict=True))),
+            kernel.Control(*(np.concatenate(pair) for pair in pairs)),
         )
 
     def update_copies(self) -> None:
