@@ -1,4 +1,4 @@
-"""Blocks of control lines, from if to endif and from while to endwhile.
+"""Blocks of control lines, from if to endif and from while to endwhile, of all languages.
 
 A block is read to its end when its first line is executed for the first time. So its faults are
 reported before any line of it is executed. Each of its control lines becomes a step that knows its
@@ -7,7 +7,8 @@ target.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import cast
 
 from cnc.gcode.core.call_stack import Flow, Listing, Loop, Maker, Step
 from cnc.gcode.core.control_flow import (
@@ -21,13 +22,12 @@ from cnc.gcode.core.control_flow import (
 )
 from cnc.gcode.kernels import rules
 from cnc.gcode.reader.source_text import Place
-from cnc.gcode.reader.statements import Control
+from cnc.gcode.reader.statements import Control, Keyword, Value
 from cnc.model.diagnostics import CncError
 
 MACRO_LOOPS = ("1", "2", "3")
 """FANUC's DO numbers."""
 
-_OPENERS = ("if", "while", "do", "repeat", "while-do")
 _OPENER_OF = {
     "endif": "if",
     "endwhile": "while",
@@ -35,15 +35,26 @@ _OPENER_OF = {
     "end": "while-do",
     "elseif": "if",
     "else": "if",
+    "s-endif": "s-if",
+    "s-else": "s-if",
+    "s-endwhile": "s-while",
+    "s-endfor": "s-for",
+    "s-endloop": "s-loop",
+    "s-until": "s-repeat",
 }
 """The keyword that opens the block of a line. ``while`` may also end a ``do``."""
-_ENDS = {"if": "endif", "while": "endwhile", "do": "while", "repeat": "endrepeat"}
+_OPENERS = {*_OPENER_OF.values(), "do"}
+_ENDS = {opener: end for end, opener in _OPENER_OF.items() if "else" not in end} | {"do": "while"}
 """The keyword that ends a block, by the one that opens it."""
+BLOCK_KEYWORDS = {*_OPENERS, *_OPENER_OF}
 _ACTIONS = {
     "while": (rules.WHILE, rules.END_WHILE),
     "while-do": (rules.WHILE, rules.END_WHILE),
     "do": (rules.DO, rules.DO_WHILE),
     "repeat": (rules.REPEAT, rules.END_REPEAT),
+    "s-while": (rules.WHILE, rules.END_WHILE),
+    "s-loop": (rules.DO, rules.JUMP),
+    "s-repeat": (rules.DO, rules.DO_WHILE),
 }
 """Actions of the first and the last line of a loop."""
 
@@ -72,7 +83,9 @@ class _Block:
         """Return whether a control line belongs to this block."""
         keyword = control.keyword
         opener = "do" if keyword == "while" else _OPENER_OF.get(keyword)
-        return control.label == self.control.label and opener == self.control.keyword
+        # The blocks of SINUMERIK have no labels.
+        same = control.label == self.control.label or keyword.startswith("s-")
+        return same and opener == self.control.keyword
 
 
 def block_at(flow: Flow, line: int, control: Control) -> Step:
@@ -129,6 +142,9 @@ class _Reader:
 
     def _begin(self, line: int, control: Control) -> None:
         label, listing = control.label, self.listing
+        if control.keyword.startswith("s-"):
+            self.open.append(_Block(line, control))
+            return
         if not isinstance(label, str):
             raise listing.control_fault(
                 line,
@@ -167,14 +183,14 @@ class _Reader:
                 hint = "close the innermost block first"
                 raise self.listing.control_fault(line, control, "block-crossed", message, hint)
             raise _not_open(self.listing, line, control)
-        if control.keyword in ("elseif", "else"):
+        if control.keyword in ("elseif", "else", "s-else"):
             if block.otherwise:
                 message = f"{shown(control)} after the else of line {block.otherwise}"
                 raise self.listing.control_fault(line, control, "else-repeated", message)
-            if control.keyword == "else":
-                block.otherwise = line
-            else:
+            if control.keyword == "elseif":
                 block.branches.append((line, control))
+            else:
+                block.otherwise = line
             return
         self.open.pop()
         self._close(block, line, control)
@@ -190,15 +206,22 @@ class _Reader:
         """Make the steps of a block that ends at ``line``."""
         listing, first, values = self.listing, block.line, block.control.values
         opener = block.control.keyword
-        if opener == "if":
+        if opener in ("if", "s-if"):
             chain = [(first, values[0]), *((at, branch.values[0]) for at, branch in block.branches)]
             enter_branch(listing, chain, block.otherwise, line)
             return
         loop = Loop(
             block.name, Place(first, block.control.column, block.control.length), first, line
         )
-        # The last line of do .. while has the condition.
-        first_value, last_value = (None, control.values[0]) if opener == "do" else (values[0], None)
+        if opener == "s-for":
+            from cnc.gcode.sinumerik.flow import enter_count  # for its programs only
+
+            enter_count(listing, block.control, loop)
+            return
+        # The last line of do .. while has the condition, and that of REPEAT .. UNTIL its opposite.
+        first_value, last_value = next(iter(values), None), next(iter(control.values), None)
+        if opener == "s-repeat":
+            last_value = _not(control.values[0])
         enter_loop(listing, loop, _ACTIONS[opener], first_value, last_value)
         for leave, leave_control in block.leaves:
             to = line + 1 if leave_control.keyword == "break" else line
@@ -214,7 +237,7 @@ class _Reader:
         needed = (
             f"END{control.label}"
             if control.keyword == "while-do"
-            else f"o{control.label} {_ENDS[control.keyword]}"
+            else shown(replace(control, keyword=cast(Keyword, _ENDS[control.keyword])))
         )
         return self.listing.control_fault(
             block.line,
@@ -244,18 +267,23 @@ def _not_open(
             message = f"{name} outside of a loop with that label"
         hint = f"write {control.keyword} inside o{label} while or o{label} do"
         return listing.control_fault(line, control, "loop-not-open", message, hint)
+    hint = ""
     if control.keyword == "end":
-        message = f"{name} without DO{label} before it"
-        hint = "a GOTO must not lead into a loop"
-        return listing.control_fault(line, control, "block-not-open", message, hint)
-    opener = _OPENER_OF[control.keyword]
-    return listing.control_fault(
-        line, control, "block-not-open", f"{name} without o{label} {opener} before it"
-    )
+        message, hint = f"{name} without DO{label} before it", "a GOTO must not lead into a loop"
+    elif control.keyword.startswith("s-"):
+        message = f"{name} without the beginning of its block before it"
+        hint = "a jump must not lead into a block"
+    else:
+        message = f"{name} without o{label} {_OPENER_OF[control.keyword]} before it"
+    return listing.control_fault(line, control, "block-not-open", message, hint)
+
+
+def _not(value: Value) -> Value:
+    return lambda parameters: float(not value(parameters))
 
 
 MAKERS: dict[str, Maker] = {
-    **dict.fromkeys((*_OPENERS, *_OPENER_OF, "break", "continue"), block_at),
+    **dict.fromkeys((*BLOCK_KEYWORDS, "break", "continue"), block_at),
     "goto": Goto,
     "if-goto": Goto,
     "if-then": Conditional,

@@ -21,7 +21,6 @@ from cnc.gcode.core.line_machine import MOST_ROWS, LineMachine
 from cnc.gcode.core.subprograms import Return
 from cnc.gcode.kernels import program as kernel
 from cnc.gcode.kernels import rules
-from cnc.gcode.kernels.arithmetic import NAMED
 from cnc.gcode.kernels.program import Changes, Frames, run
 from cnc.gcode.kernels.program import Parameters as Values
 from cnc.gcode.kernels.rows import MOST_ROWS as MOST_LINE_ROWS
@@ -29,15 +28,13 @@ from cnc.gcode.kernels.statements import (
     CONTROL,
     LAST_PARAMETER,
     UNKNOWN,
-    Code,
     Coded,
     Names,
-    Words,
     add_names,
 )
 from cnc.gcode.reader.lines import names_space
 from cnc.gcode.reader.parameters import LOCAL, Parameters
-from cnc.gcode.reader.source_text import KEPT_WINDOWS, Place, Window
+from cnc.gcode.reader.source_text import KEPT_WINDOWS, Place, Splits, Window
 
 # The lines of a window for compiled code, and the subroutines of other windows that they call.
 
@@ -146,16 +143,31 @@ class Table:
             and int(coded.first[index + 1] - coded.first[index]) == values
         )
 
-    def add_copies(self, new: list[Copy]) -> None:
-        """Append copies of subroutines; their places are set."""
+    def add_copies(self, new: list[Copy], mirror: ParameterMirror) -> None:
+        """Read the window again with copies of subroutines behind it, and set their places.
+
+        Lines, names and labels that were there keep their indices.
+        """
         place = len(self.text.line)
+        self.copies += new
         for copy in new:
             copy.place = self.places[copy.source.window.first + copy.begin] = place
             place += copy.end - copy.begin + 1
-        self.text = _joined(self.text, len(self.slots), len(self.labels), new)
-        self.slots = np.concatenate([self.slots, *(copy.source.slots for copy in new)])
-        self.labels = self.labels + [label for copy in new for label in copy.source.labels]
-        self.copies += new
+        window, control = _joined(self.window, self.copies), self.text.control
+        coded = window.code()
+        coded.kind[self.window.count] = UNKNOWN
+        self.slots = mirror.slots(window.data, coded.names)
+        self.labels = window.names(coded.labels)
+        lines = (copy.source.text.line[copy.begin : copy.end + 1] for copy in new)
+        space = _control(place - len(self.text.line), len(self.labels) - len(control.sub))
+        pairs: Any = zip(control, space, strict=True)
+        self.text = kernel.Text(
+            np.concatenate([self.text.line, *lines]),
+            window.sorted.lines.first,
+            window.sorted.words,
+            coded,
+            kernel.Control(*(np.concatenate(pair) for pair in pairs)),
+        )
 
     def update_copies(self) -> None:
         """Enter the control lines that the sources of the copies have learnt meanwhile."""
@@ -224,102 +236,21 @@ def frames_of(local_slots: NDArray[np.int32]) -> kernel.Frames:
     )
 
 
-class _Part:
-    """Consecutive lines of a text, with the spans of their words, items and instructions."""
-
-    def __init__(self, text: kernel.Text, begin: int, end: int, names: int, labels: int) -> None:
-        """Create a part.
-
-        Args:
-            text: The text.
-            begin: Index of the first line.
-            end: Index after the last line.
-            names: Number that is added to the indices of names.
-            labels: Number that is added to the indices of labels.
-        """
-        coded = text.coded
-        self.text = text
-        self.lines = slice(begin, end)
-        self.words = slice(int(text.first[begin]), int(text.first[end]))
-        self.items = slice(int(coded.first[begin]), int(coded.first[end]))
-        at, last = self.items.start, self.items.stop
-        self.code = slice(int(coded.begin[at]), int(coded.end[last - 1])) if last > at else slice(0)
-        self._names, self._labels = names, labels
-
-    def numbers(self) -> Array:
-        """Return the numbers of the instructions."""
-        code = self.text.coded.code
-        # The number of other instructions may be unset.
-        numbers = code.number[self.code].copy()
-        numbers[code.operation[self.code] == NAMED] += self._names
-        return numbers
-
-    def called(self) -> Array:
-        """Return the labels that the lines call."""
-        label = self.text.coded.label[self.lines]
-        return np.where(label < 0, label, label + np.int32(self._labels))
-
-
-def _joined(text: kernel.Text, names: int, labels: int, copies: list[Copy]) -> kernel.Text:
-    """Return a text and, behind it, the lines of copies. Their control lines are empty.
-
-    Args:
-        text: The text.
-        names: Number of its names.
-        labels: Number of its labels.
-        copies: The copies.
-    """
-    parts = [_Part(text, 0, len(text.line), 0, 0)]
+def _joined(window: Window, copies: list[Copy]) -> Window:
+    """Return the lines of a window, an empty one, and the lines of copies."""
+    begins, ends = window.places
+    at = len(window.data)
+    data, places = [window.data], [(begins, ends), (np.array([at]), np.array([at]))]
     for copy in copies:
-        source = copy.source
-        parts.append(_Part(source.text, copy.begin, copy.end + 1, names, labels))
-        names, labels = names + len(source.slots), labels + len(source.labels)
-    words = items = instructions = 0
-    joined: dict[str, list[Array]] = {"first": [], "item": [], "begin": [], "end": []}
-    for part in parts:
-        own = part.text.coded
-        joined["first"].append(part.text.first[part.lines] + (words - part.words.start))
-        joined["item"].append(own.first[part.lines] + (items - part.items.start))
-        joined["begin"].append(own.begin[part.items] + (instructions - (part.code.start or 0)))
-        joined["end"].append(own.end[part.items] + (instructions - (part.code.start or 0)))
-        words += part.words.stop - part.words.start
-        items += part.items.stop - part.items.start
-        instructions += part.code.stop - (part.code.start or 0)
-    joined["first"].append(np.array([words], np.int32))
-    joined["item"].append(np.array([items], np.int32))
-    coded = text.coded._replace(
-        kind=np.concatenate([part.text.coded.kind[part.lines] for part in parts]),
-        first=np.concatenate(joined["item"]),
-        letter=np.concatenate([part.text.coded.letter[part.items] for part in parts]),
-        begin=np.concatenate(joined["begin"]),
-        end=np.concatenate(joined["end"]),
-        code=Code(
-            np.concatenate([part.text.coded.code.operation[part.code] for part in parts]),
-            np.concatenate([part.numbers() for part in parts]),
-        ),
-        label=np.concatenate([part.called() for part in parts]),
-    )
-    more = len(coded.kind) - len(text.line)
-    space = _control(more, labels - len(text.control.sub))
-    return kernel.Text(
-        np.concatenate([part.text.line[part.lines] for part in parts]),
-        np.concatenate(joined["first"]),
-        Words(
-            *(
-                np.concatenate([part.text.words[k][part.words] for part in parts])
-                for k in range(len(text.words))
-            )
-        ),
-        coded,
-        kernel.Control(
-            np.concatenate([text.control.action, space.action]),
-            np.concatenate([text.control.target, space.target]),
-            np.concatenate([text.control.other, space.other]),
-            np.concatenate([text.control.since, space.since]),
-            np.concatenate([text.control.rounds, space.rounds]),
-            np.concatenate([text.control.sub, space.sub]),
-        ),
-    )
+        source, span = copy.source.window, slice(copy.begin, copy.end + 1)
+        begins, ends = source.places[0][span], source.places[1][span]
+        first, last = int(begins[0]), int(ends[-1])
+        data.append(source.data[first:last])
+        places.append((begins - first + at, ends - first + at))
+        at += last - first
+    begins, ends = (np.concatenate(part).astype(np.int32) for part in zip(*places, strict=True))
+    joined = Window(window.first, b"".join(data), Splits(begins, ends, at))
+    return joined.read_as(window.language)
 
 
 def _control(lines: int, labels: int) -> kernel.Control:
@@ -476,11 +407,11 @@ class ParameterMirror:
             self._text = np.concatenate((self._text, np.empty(end + size, np.uint8)))
         if used + names <= len(values.begin):
             return
-        more = len(values.begin) + names
+        # Each time all names are entered again, which takes longer than to look them up.
+        more = 3 * len(values.begin) + names
         self._known = names_space(len(values.begin) + more)
         begins, ends = values.begin[:used], values.end[:used]
-        text = self._text.copy()
-        add_names(text, begins, ends, self._text, self._known, np.empty(used, np.int32))
+        add_names(self._text, begins, ends, self._text, self._known, np.empty(used, np.int32))
         self._named = np.concatenate((self._named, np.full(more, math.nan)))
         self._left_alone = np.concatenate((self._left_alone, np.zeros(more, np.bool_)))
         self._changes = self._changes._replace(
@@ -593,9 +524,7 @@ class CompiledProgram:
         """Return the frame of a call that compiled code has entered."""
         listing = self._flow.listing
         line = int(table.text.line[table.frames.back[level] - 1]) + 1
-        window = listing.window(line - 1)
-        assert window is not None
-        statement = listing.statement(window, line - 1 - window.first)
+        statement = listing.statement_at(line - 1)
         assert statement is not None and statement.control is not None
         control = statement.control
         assert isinstance(control.label, str)
@@ -661,7 +590,8 @@ class CompiledProgram:
                 )
             done = len(table.labels)
             if new:
-                table.add_copies(list(new.values()))
+                assert self._mirror is not None
+                table.add_copies(list(new.values()), self._mirror)
         for index, label in enumerate(table.labels):
             subroutine = listing.subs.get(label)
             table.text.control.sub[index] = (

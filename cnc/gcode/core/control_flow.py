@@ -33,6 +33,8 @@ def shown(control: Control) -> str:
             return f"END{label}"
         case "program":
             return f"O{label}"
+        case keyword if keyword.startswith("s-"):
+            return keyword[2:].upper()
         case _:
             return f"o{label} {control.keyword}"
 

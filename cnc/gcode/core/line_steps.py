@@ -6,7 +6,7 @@ All other lines are executed as statements and have no step class.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 
 from cnc.gcode import dialects
 from cnc.gcode.core import block_matching, control_flow, subprograms
@@ -22,7 +22,7 @@ from cnc.gcode.klartext.moves import Session
 from cnc.gcode.macro_b import subprograms as numbered_programs
 from cnc.gcode.reader.lines import KLARTEXT
 from cnc.gcode.reader.parser import Syntax, parse_line
-from cnc.gcode.reader.source_text import Place, Text, Window
+from cnc.gcode.reader.source_text import Place, Text, Window, lines_from
 from cnc.gcode.reader.statements import Control, Statement
 from cnc.gcode.reader.words import G, Word, fault
 from cnc.machine.program_codes import CodeAction, RunFile
@@ -121,23 +121,15 @@ def _warn_of_percent(code: str, flow: Flow, line: int, message: str, hint: str) 
 
 def _has_code(flow: Flow, line: int) -> bool:
     """Whether a line from here on is not empty."""
-    return any(text.strip(" \t\0\x1a") for _, text in _texts(flow, line))
+    return any(text.strip(" \t\0\x1a") for _, text in lines_from(flow.listing, line))
 
 
 def _next_words(flow: Flow, line: int) -> int | None:
     """Return the first line from here on that has a word of G-code outside of comments."""
-    for number, text in _texts(flow, line):
+    for number, text in lines_from(flow.listing, line):
         if _CODE.search(_COMMENT.sub("", text)):
             return number
     return None
-
-
-def _texts(flow: Flow, line: int) -> Iterator[tuple[int, str]]:
-    """Yield the lines from here on with their numbers."""
-    while (window := flow.listing.window(line)) is not None:
-        for index in range(line - window.first, window.count):
-            yield window.first + index, window.text(index)
-        line = window.first + window.count
 
 
 # Runs of plain lines, executed by compiled code (:mod:`cnc.gcode.kernels.line`).
@@ -237,13 +229,8 @@ class FileCall:
         self.at = Place(line, code.column, code.length)
         self.code = code
         self.file = file.file
-        computed = dict(statement.computed)
-        kept = [index for index, word in enumerate(statement.words) if word is not code]
-        self.rest = Statement(
-            tuple(statement.words[index] for index in kept),
-            tuple((at, computed[index]) for at, index in enumerate(kept) if index in computed),
-            statement.assignments,
-            statement.remarks,
+        self.rest = statement.with_words(
+            index for index, word in enumerate(statement.words) if word is not code
         )
 
     def run(self, flow: Flow, line: int) -> int:

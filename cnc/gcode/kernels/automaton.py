@@ -33,10 +33,8 @@ OK, WRONG, TOO_LONG = 0, 1, 2
 """Status of a line."""
 NONE = 0xFFFF
 """No state, no terminal. The tables have no signs, which makes them faster to index."""
-INLINED, NODE_OF_SEVERAL, NODE, UNIT = 0, 1, 2, 3
-"""Kinds of rules: without a node; with one unless it has a single part; with a node; with a single
-symbol and no node.
-"""
+INLINED, NODE_OF_SEVERAL, NODE = 0, 1, 2
+"""Kinds of rules: without a node; with one unless it has a single part; with a node."""
 DIGITS = 18
 """Most digits of a number: any number of so many digits fits into an int64."""
 EXACT = 1 << 53
@@ -52,17 +50,17 @@ class Tables(NamedTuple):
     Attributes:
         moves: (n, 129) the next state of the lexers by character.
         final: (n,) 1 if no longer token can follow.
-        lexer: (s,) lexer of each state of the parser.
-        begin: (lexers,) first state of each lexer.
-        token: (lexers, n) the terminal that a state accepts.
-        spelling: (t, n) index of the text of a keyword, -1 for another terminal.
+        start: (s,) state of the lexers at the begin of a token, by state of the parser.
+        token: (n,) the terminal that a state accepts.
+        spelling: (n,) index of the text of a keyword, -1 for another terminal.
         action: (s, t + 1) next state + 1, -rule - 1, or 0 for an error; the last column is the end.
         pair: (s, nonterminals) row of ``after``.
         after: (pairs, t + 1) state after a rule, by the next terminal.
+        act_after: (pairs, t + 1) its action.
         length: (r,) number of symbols of a rule.
         left: (r,) its nonterminal.
         kind: (r,) its kind.
-        kept: (t,) whether a terminal has an event.
+        kept: (t,) 1 for a terminal that has an event.
         ignored: (t,) whether it may stand anywhere and means nothing.
         number: (t,) whether it is a number without a sign.
         ends: first and last state of the parser.
@@ -70,17 +68,17 @@ class Tables(NamedTuple):
 
     moves: States
     final: Bytes
-    lexer: States
-    begin: States
+    start: States
     token: States
     spelling: Small
     action: Small
     pair: States
     after: States
-    length: States
+    act_after: Small
+    length: Ints
     left: States
     kind: Bytes
-    kept: Bytes
+    kept: Ints
     ignored: Bytes
     number: Bytes
     ends: Ints
@@ -130,14 +128,13 @@ def _has_semicolon(data: Bytes, begin: int, end: int) -> bool:
 
 @njit
 def _longest_token(
-    data: Bytes, at: int, stop: int, own: int, tables: Tables, classes: Bytes, loose: bool
-) -> tuple[int, int, int]:
-    """Return the longest token at ``at``, its end, and the state of the lexers there.
+    data: Bytes, at: int, stop: int, here: int, tables: Tables, classes: Bytes, loose: bool
+) -> tuple[int, int]:
+    """Return the end of the longest token at ``at``, and the state of the lexers there.
 
-    The token is NONE if there is none. Blanks count if ``loose``.
+    The state accepts no token if there is none. Blanks count if ``loose``.
     """
-    token, end, there = NONE, at, tables.begin[own]
-    here, place = there, at
+    end, there, place = at, here, at
     while place < stop:
         column = classes[data[place]]
         place += 1
@@ -151,10 +148,9 @@ def _longest_token(
         here = tables.moves[here, column]
         if here == NONE:
             break
-        found = tables.token[own, here]
-        if found != NONE:
-            token, end, there = found, place, here
-    return int(token), end, int(there)
+        if tables.token[here] != NONE:
+            end, there = place, here
+    return end, int(there)
 
 
 @njit
@@ -194,22 +190,21 @@ def read(
         longest: A line of more bytes is not read.
         tables: The grammar.
         classes: (256,) column of each byte in the automaton, SKIPPED or REFUSED.
-        stack: (4, longest + 8) scratch space.
+        stack: (3, longest + 8) scratch space.
         events: Takes the events. A line for which there is no space is TOO_LONG.
         results: Filled.
 
     Returns:
         The number of events.
     """
-    moves, final, lexer, token_of = tables.moves, tables.final, tables.lexer, tables.token
-    begins_of = tables.begin
-    action, after, pair = tables.action, tables.after, tables.pair
+    moves, final, start, token_of = tables.moves, tables.final, tables.start, tables.token
+    action, pair, after, act_after = tables.action, tables.pair, tables.after, tables.act_after
     # Blanks between tokens are passed where they end a token, too.
     gaps = False
     for k in range(len(tables.ignored)):
         gaps = gaps or tables.ignored[k] != 0
     kind, begin_of, end_of, value_of = events
-    states, nodes, firsts, lasts = stack[0], stack[1], stack[2], stack[3]
+    states, firsts, before = stack[0], stack[1], stack[2]
     end_token, most = action.shape[1] - 1, len(kind)
     count = 0
     for line in range(len(begins)):
@@ -219,8 +214,8 @@ def read(
         if stop - at > longest:
             results.status[line] = TOO_LONG
             continue
-        before = count
-        top = 0
+        top = nodes = 0
+        last = at
         state = tables.ends[0]
         states[0] = state
         # Blanks behind a semicolon count: LinuxCNC takes it for a comment, even in a name.
@@ -232,12 +227,12 @@ def read(
                 at += 1
             token, end, value = end_token, at, 0.0
             if at < stop:
-                own = lexer[state]
-                here, place = begins_of[own], at
+                here, place, blocked = start[state], at, False
                 while place < stop:
                     column = classes[data[place]]
                     if column >= SKIPPED:
-                        if column == REFUSED or loose or data[at] == _LESS:
+                        blocked = column == REFUSED or loose or data[at] == _LESS
+                        if blocked:
                             break
                         place += 1
                         continue
@@ -249,10 +244,10 @@ def read(
                     end = place
                     if final[here]:
                         break
-                token, there = int(token_of[own, here]), int(here)
-                if token == NONE or loose or data[at] == _LESS:
-                    # The text goes on after its longest token, or it is a name.
-                    token, end, there = _longest_token(data, at, stop, own, tables, classes, loose)
+                if token_of[here] == NONE or blocked:
+                    # The text goes on after its longest token, or a blank may belong to a name.
+                    end, here = _longest_token(data, at, stop, start[state], tables, classes, loose)
+                token = int(token_of[here])
                 if token == NONE:
                     break
                 if tables.ignored[token]:
@@ -261,52 +256,40 @@ def read(
                 if tables.number[token]:
                     value = _number(data, at, end)
                 else:
-                    value = float(tables.spelling[token, there])
+                    value = float(tables.spelling[here])
             act = action[state, token]
-            while act < 0:
+            while act < 0 and count < most:
                 rule = -act - 1
+                top += 1 - tables.length[rule]
+                if tables.length[rule] == 0:
+                    firsts[top], before[top], last = at, nodes, at
+                parts = nodes - before[top]
                 sort = tables.kind[rule]
-                if sort == UNIT:
-                    state = after[pair[states[top - 1], tables.left[rule]], token]
-                    states[top] = state
-                    act = action[state, token]
-                    continue
-                length = tables.length[rule]
-                parts = 0
-                first, last = at, at
-                if length > 0:
-                    first, last = firsts[top - length + 1], lasts[top]
-                    for k in range(top - length + 1, top + 1):
-                        parts += nodes[k]
-                top -= length
                 if sort == NODE or (sort == NODE_OF_SEVERAL and parts != 1):
-                    if count == most:
-                        break
-                    kind[count], value_of[count] = -rule - 1, parts
-                    begin_of[count], end_of[count] = first, last
+                    kind[count], value_of[count] = act, parts
+                    begin_of[count], end_of[count] = firsts[top], last
                     count += 1
-                    parts = 1
-                state = after[pair[states[top], tables.left[rule]], token]
-                top += 1
-                states[top], nodes[top], firsts[top], lasts[top] = state, parts, first, last
-                act = action[state, token]
+                    nodes = before[top] + 1
+                row = pair[states[top - 1], tables.left[rule]]
+                states[top] = state = after[row, token]
+                act = act_after[row, token]
             if act <= 0 or token == end_token or count == most:
                 break
             state = act - 1
             top += 1
-            states[top], nodes[top], firsts[top], lasts[top] = state, tables.kept[token], at, end
-            if tables.kept[token]:
-                kind[count], value_of[count] = token + 1, value
-                begin_of[count], end_of[count] = at, end
-                count += 1
+            states[top], firsts[top], before[top], last = state, at, nodes, end
+            kind[count], value_of[count] = token + 1, value
+            begin_of[count], end_of[count] = at, end
+            count += tables.kept[token]
+            nodes += tables.kept[token]
             loose = loose or (data[at] == _LESS and _has_semicolon(data, at, end))
             at = end
         if count == most:
             results.status[line] = TOO_LONG
-            count = before
+            count = results.first[line]
         elif state != tables.ends[1] or token != end_token:
             results.status[line] = WRONG
             results.place[line], results.state[line] = at, state
-            count = before
+            count = results.first[line]
     results.first[len(begins)] = count
     return count

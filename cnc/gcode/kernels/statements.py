@@ -190,20 +190,6 @@ simple; for another one the numbers of items and instructions after it.
 """
 
 
-class Stacks(NamedTuple):
-    """What waits while a line is coded.
-
-    Attributes:
-        keys: Letters and operators.
-        brackets: Position of each bracket that no operator has taken.
-        closes: Number of instructions at its end.
-    """
-
-    keys: Bytes
-    brackets: Ints
-    closes: Ints
-
-
 @njit
 def index_of_name(data: Bytes, begin: int, end: int, names: Names) -> int:
     """Return the index of a name, which is added if it is new; -1 if the arrays are full."""
@@ -287,7 +273,8 @@ def _is_idle(data: Bytes, begin: int, end: int) -> bool:
 def _is_special(data: Bytes, begin: int, end: int) -> bool:
     """Return whether a text has a blank, a semicolon or a character that is not ASCII."""
     for i in range(begin, end):
-        if data[i] == _BLANK or data[i] == _TAB or data[i] == _SEMICOLON or data[i] >= OTHER:
+        # No other control character than a tab is in a token.
+        if data[i] <= _BLANK or data[i] == _SEMICOLON or data[i] >= OTHER:
             return True
     return False
 
@@ -514,19 +501,20 @@ def _klartext_line(
 @njit
 def _coded_line(
     data: Bytes, k: int, a: int, b: int, events: Events, meaning: Meaning, largest: float,
-    coded: Coded, stacks: Stacks, now: Record,
+    coded: Coded, keys: Bytes, closes: Ints, now: Record,
 ) -> int:  # fmt: skip
     """Append the items of line ``k``, whose events are those from ``a`` to before ``b``.
 
-    The numbers of items and instructions in ``now`` are brought up to date.
+    The numbers of items and instructions in ``now`` are brought up to date. ``keys`` (MOST_ITEMS)
+    takes letters and operators; ``closes`` (MOST_VALUES), for each value on the stack, the
+    instruction behind its outermost bracket.
 
     Returns:
         The kind of the line. If it is UNKNOWN, what was appended has no meaning.
     """
     operation, number = coded.code.operation, coded.code.number
     first_item, items, count = int(now["items"]), int(now["items"]), int(now["count"])
-    keys, brackets, closes = stacks
-    keyed = opened = height = seen = split = 0
+    keyed = height = seen = split = 0
     first, kind = count, UNKNOWN
     numbered = calls = False
     label, label_end = 0, -1
@@ -534,9 +522,7 @@ def _coded_line(
         sort = int(events.kind[e])
         begin, end, value = int(events.begin[e]), int(events.end[e]), events.value[e]
         role = int(meaning.terminal[sort - 1]) if sort > 0 else int(meaning.rule[-sort - 1])
-        if role == LEFT_ALONE or count - first > MOST_INSTRUCTIONS:
-            return UNKNOWN
-        if items - first_item + 3 > MOST_ITEMS or keyed == MOST_ITEMS or opened == MOST_ITEMS:
+        if role == LEFT_ALONE or count - first > MOST_INSTRUCTIONS or keyed == MOST_ITEMS:
             return UNKNOWN
         if role == KEY:
             # A / that begins the line is that of block delete.
@@ -587,8 +573,6 @@ def _coded_line(
             if not _is_idle(data, begin, end):
                 return UNKNOWN
         elif role == INDEX:
-            while opened > 0 and brackets[opened - 1] >= begin:
-                opened -= 1
             before = int(events.kind[e - 1])
             if operation[count - 1] == NUMBER:
                 index = number[count - 1]
@@ -599,10 +583,7 @@ def _coded_line(
                 operation[count] = INDIRECT
                 count += 1
         elif role == BRACKET:
-            while opened > 0 and brackets[opened - 1] >= begin:
-                opened -= 1
-            brackets[opened], closes[opened] = begin, count
-            opened += 1
+            closes[height - 1] = count
         elif role == SIGN:
             keyed -= 1
             if keys[keyed] == SUBTRACT and operation[count - 1] == NUMBER:
@@ -611,8 +592,6 @@ def _coded_line(
                 operation[count] = MINUS
                 count += 1
         elif role == BINARY or role == FUNCTION or role == ARCTANGENT:
-            while opened > 0 and brackets[opened - 1] >= begin:
-                opened -= 1
             keyed -= 2 if role == ARCTANGENT else 1
             operation[count] = keys[keyed]
             count += 1
@@ -644,7 +623,9 @@ def _coded_line(
                 coded.letter[items] = letter
                 coded.begin[items], coded.end[items] = first, count
                 items += 1
-            first, height, opened = count, 0, 0
+                if items - first_item + 3 > MOST_ITEMS:
+                    return UNKNOWN
+            first, height = count, 0
         elif role == ASSIGN:
             if kind != UNKNOWN and (kind != ASSIGNMENT or meaning.single):
                 return UNKNOWN
@@ -653,7 +634,9 @@ def _coded_line(
             coded.begin[items], coded.end[items] = first, split
             coded.begin[items + 1], coded.end[items + 1] = split, count
             items += 2
-            first, height, opened = count, 0, 0
+            if items - first_item + 3 > MOST_ITEMS:
+                return UNKNOWN
+            first, height = count, 0
         elif role == O_WORD:
             if kind != UNKNOWN or not _is_label(data, label, label_end):
                 return UNKNOWN
@@ -664,9 +647,7 @@ def _coded_line(
                     return UNKNOWN
                 coded.label[k] = index_of_name(data, label, label_end, coded.labels)
             kind = CONTROL
-            if opened + 2 > MOST_ITEMS:
-                return UNKNOWN
-            for i in range(opened):
+            for i in range(height):
                 coded.letter[items] = VALUE
                 coded.begin[items], coded.end[items] = first, closes[i]
                 first = int(closes[i])
@@ -706,11 +687,7 @@ def sort_events(
     """
     space = np.zeros(1, _LINE)
     now = space[0]
-    stacks = Stacks(
-        np.empty(MOST_ITEMS, np.uint8),
-        np.empty(MOST_ITEMS, np.int64),
-        np.empty(MOST_ITEMS, np.int64),
-    )
+    keys, closes = np.empty(MOST_ITEMS, np.uint8), np.empty(MOST_VALUES, np.int64)
     found = items = count = 0
     for k in range(len(begins)):
         lines.first[k], coded.first[k] = found, items
@@ -732,7 +709,9 @@ def sort_events(
         lines.head[k], lines.label[k] = _head(data, begin, int(ends[k]))
         now["items"], now["count"] = items, count
         if is_read:
-            coded.kind[k] = _coded_line(data, k, a, b, events, meaning, largest, coded, stacks, now)
+            coded.kind[k] = _coded_line(
+                data, k, a, b, events, meaning, largest, coded, keys, closes, now
+            )
             if coded.kind[k] != UNKNOWN:
                 items, count = int(now["items"]), int(now["count"])
     lines.first[len(begins)], coded.first[len(begins)] = found, items

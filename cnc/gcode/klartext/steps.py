@@ -15,7 +15,7 @@ from cnc.gcode.core.tool_table import MAX_TOOL, ToolEntry
 from cnc.gcode.klartext import moves
 from cnc.gcode.klartext.moves import Session
 from cnc.gcode.klartext.reader import Block, Item, block_of
-from cnc.gcode.reader.source_text import Place
+from cnc.gcode.reader.source_text import Place, lines_with
 from cnc.gcode.reader.statements import Control
 from cnc.gcode.reader.words import whole
 
@@ -139,11 +139,9 @@ def _line_of(session: Session, block: Block, item: Item) -> int:
 def _all_labels(session: Session) -> dict[str, int]:
     """Return the line of each label of the text."""
     labels: dict[str, int] = {}
-    listing, line = session.flow.listing, 1
-    while (window := listing.window(line)) is not None:
-        index = window.find(_LABEL, line - window.first, window.count)
-        at, line = window.first + index, window.first + min(index + 1, window.count)
-        statement = listing.statement(window, index) if index < window.count else None
+    listing = session.flow.listing
+    for window, index in lines_with(listing, _LABEL):
+        at, statement = window.first + index, listing.statement(window, index)
         if statement is not None and isinstance(statement.control, Block):
             name = _label_of(statement.control.items[0])
             first = labels.setdefault(name, at)

@@ -18,7 +18,7 @@ from cnc.gcode.core.control_flow import BackwardJump, jump_target
 from cnc.gcode.core.modal_groups import Code
 from cnc.gcode.core.subprograms import skips_missing
 from cnc.gcode.reader.parameters import LOCAL_MACRO, Parameters
-from cnc.gcode.reader.source_text import PROGRAM, Place, bare_text
+from cnc.gcode.reader.source_text import PROGRAM, Place, bare_text, lines_from
 from cnc.gcode.reader.statements import Statement, Value
 from cnc.gcode.reader.words import G, M, Word, fault
 from cnc.model.diagnostics import GcodeError
@@ -91,24 +91,20 @@ def split_arguments(statement: Statement, code: Word) -> tuple[Statement, list[A
     A later argument of the same variable replaces an earlier one.
     """
     computed = dict(statement.computed)
-    kept: list[Word] = []
-    left: list[tuple[int, Value]] = []
+    kept: list[int] = []
     arguments: list[Argument] = []
     numbers = _ArgumentNumbers()
     behind = False
     for index, word in enumerate(statement.words):
         behind = behind or word is code
         if word is code or word.letter in "PLN":
-            if index in computed:
-                left.append((len(kept), computed[index]))
-            kept.append(word)
+            kept.append(index)
             continue
         if word.letter in _ARGUMENTS and not behind:
             message = f"{word.written} stands before G65"
             raise fault("argument-bad", message, word, "write arguments after G65")
         arguments.append(Argument(numbers.number(word), word, computed.get(index)))
-    rest = Statement(tuple(kept), tuple(left), statement.assignments, statement.remarks)
-    return rest, arguments
+    return statement.with_words(kept), arguments
 
 
 def repeated(word: Word) -> GcodeError:
@@ -175,11 +171,9 @@ def report_uncalled(flow: Flow) -> None:
 
 def _lines(flow: Flow, line: int) -> Iterator[tuple[int, str]]:
     """Yield the lines of the main text from here on, without comments and blanks."""
-    while (window := flow.main.window(line)) is not None:
-        for index in range(line - window.first, window.count):
-            if text := bare_text(window.text(index)):
-                yield window.first + index, text
-        line = window.first + window.count
+    for number, text in lines_from(flow.main, line):
+        if bare := bare_text(text):
+            yield number, bare
 
 
 def _main_number(flow: Flow) -> int | None:
@@ -203,8 +197,7 @@ class _CallWords:
     def __init__(self, statement: Statement, letters: str, code: Word) -> None:
         computed = dict(statement.computed)
         self.values: dict[str, tuple[Word, Value | None]] = {}
-        words: list[Word] = []
-        left: list[tuple[int, Value]] = []
+        kept: list[int] = []
         for index, word in enumerate(statement.words):
             if word is code:
                 continue
@@ -213,16 +206,13 @@ class _CallWords:
                     raise repeated(word)
                 self.values[word.letter] = word, computed.get(index)
                 continue
-            if index in computed:
-                left.append((len(words), computed[index]))
-            words.append(word)
-        self._empty = not words and not statement.assignments and not statement.remarks
-        self._rest = Statement(tuple(words), tuple(left), statement.assignments, statement.remarks)
+            kept.append(index)
+        self._rest = statement.with_words(kept)
 
     def execute_rest(self, flow: Flow, line: int) -> None:
         """Execute the rest of the line."""
         flow.interpreter.begun = True
-        if not self._empty:
+        if self._rest != Statement():
             flow.interpreter.execute(self._rest, line)
 
     def whole(self, letter: str, parameters: Parameters, meaning: str, highest: int) -> int | None:

@@ -17,7 +17,7 @@ from cnc.gcode.dialects import Dialect
 from cnc.gcode.kernels import layout as kernel
 from cnc.gcode.reader.lines import MAX_LINE, Language, events_of_lines
 from cnc.gcode.reader.parser import language_of
-from cnc.gcode.reader.source_text import BOM, Text
+from cnc.gcode.reader.source_text import BOM, Text, windows_from
 from cnc.gcode.reader.tables import grammar
 from cnc.model.choices import TextStyle
 
@@ -100,8 +100,7 @@ def formatted(path: Path, rules: Dialect, style: TextStyle) -> Iterator[bytes]:
     with path.open("rb") as file:
         if file.read(len(BOM)) == BOM:
             yield BOM
-    line = 1
-    while (window := text.window(line)) is not None:
+    for window, _ in windows_from(text):
         reading = events_of_lines(window.data, *window.places, language)
         out = np.empty(4 * len(window.data) + 64, np.uint8)
         size = kernel.format_lines(
@@ -109,14 +108,8 @@ def formatted(path: Path, rules: Dialect, style: TextStyle) -> Iterator[bytes]:
             _meaning(language), form, state, space, out,
         )  # fmt: skip
         yield out[:size].tobytes()
-        line += window.count
 
 
 def _has_flow(text: Text) -> bool:
     """Return whether a line may follow another one than that before it, or be named by another."""
-    line = 1
-    while (window := text.window(line)) is not None:
-        if _FLOW.search(window.data):
-            return True
-        line += window.count
-    return False
+    return any(_FLOW.search(window.data) for window, _ in windows_from(text))

@@ -165,7 +165,7 @@ class _Scratch(threading.local):
     """Arrays that each window of a thread uses again: new memory takes as long as the reading."""
 
     def __init__(self) -> None:
-        self.stack = np.empty((4, MAX_LINE + 8), np.int64)
+        self.stack = np.empty((3, MAX_LINE + 8), np.int64)
         self.size, self.lines = -1, -1
 
     def fit(self, lines: int, size: int) -> None:
@@ -297,7 +297,7 @@ def _copied(arrays: Arrays, count: int) -> Arrays:
 
 def names_space(most: int) -> kernel.Names:
     """Return space for so many names."""
-    places = 1 << (2 * most).bit_length()
+    places = 1 << (2 * most - 1).bit_length()
     return kernel.Names(
         np.empty(most, np.int32),
         np.empty(most, np.int32),

@@ -320,10 +320,8 @@ class Text:
 
     def all_lines(self) -> Iterator[str]:
         """Yield all lines."""
-        line = 1
-        while (window := self.window(line)) is not None:
-            yield from map(window.text, range(window.count))
-            line += window.count
+        for _, text in lines_from(self):
+            yield text
 
     def first_lines(self) -> Iterator[str]:
         """Yield the lines of the first window."""
@@ -333,19 +331,42 @@ class Text:
 
     def first_lines_with(self, pattern: re.Pattern[bytes]) -> Iterator[str]:
         """Yield the lines of the first window that have a pattern."""
-        window = self.window(1)
-        index = 0
-        while window is not None and index < window.count:
-            index = window.find(pattern, index, window.count)
-            if index < window.count:
+        if (window := self.window(1)) is not None:
+            for _, index in lines_with(self, pattern, end=window.first + window.count):
                 yield window.text(index)
-            index += 1
 
     def _keep(self, index: int, window: Window) -> None:
         self._kept[index] = window
         self._kept.move_to_end(index)
         if len(self._kept) > KEPT_WINDOWS:
             self._kept.popitem(last=False)
+
+
+def windows_from(text: Text | LineIndex, line: int = 1) -> Iterator[tuple[Window, int]]:
+    """Yield the windows from that of a line on, each with the index at which to begin."""
+    while (window := text.window(line)) is not None:
+        yield window, line - window.first
+        line = window.first + window.count
+
+
+def lines_from(text: Text | LineIndex, line: int = 1) -> Iterator[tuple[int, str]]:
+    """Yield the lines from a number on, with their numbers."""
+    for window, begin in windows_from(text, line):
+        for index in range(begin, window.count):
+            yield window.first + index, window.text(index)
+
+
+def lines_with(
+    text: Text | LineIndex, pattern: re.Pattern[bytes], line: int = 1, end: int = 1 << 62
+) -> Iterator[tuple[Window, int]]:
+    """Yield the lines from ``line`` to before ``end`` that have a pattern: window and index."""
+    for window, index in windows_from(text, line):
+        last = min(window.count, end - window.first)
+        while index < last and (index := window.find(pattern, index, last)) < last:
+            yield window, index
+            index += 1
+        if window.first + last >= end:
+            return
 
 
 class _File:
@@ -546,9 +567,7 @@ class LineIndex:
 
     def words(self, line: int) -> tuple[Word, ...]:
         """Return the words of a line; none past the end."""
-        window = self._text.window(line)
-        statement = None if window is None else self.statement(window, line - window.first)
-        if statement is None:
+        if (statement := self.statement_at(line)) is None:
             return ()
         then = statement.control.then if statement.control else None
         return then.words if then else statement.words
@@ -571,6 +590,11 @@ class LineIndex:
             return window.statement(index, self._syntax)
         except GcodeError as error:
             raise self.placed(error, window.first + index) from None
+
+    def statement_at(self, line: int) -> Statement | None:
+        """Return a parsed line by its number; None past the end, or if block delete skips it."""
+        window = self.window(line)
+        return None if window is None else self.statement(window, line - window.first)
 
     def names(self, window: Window) -> tuple[bytes, Names, list[bool] | None]:
         """Return a text with the names of parameters, their places, and which are left alone.
@@ -619,7 +643,9 @@ class LineIndex:
 
         Lines that begin or end a block are complete; only some calls and jumps are among them.
         """
-        for number, window, index in self._candidates(line):
+        # Plain lines of SINUMERIK are no blocks, and others begin with any letter.
+        any_letter = self._syntax.flavour == "siemens"
+        for number, window, index in self._candidates(line, any_letter=any_letter):
             statement = self.statement(window, index)
             if statement is not None and statement.control is not None:
                 yield number, statement.control
@@ -650,9 +676,8 @@ class LineIndex:
 
         It is the second one, or the first that has code before it.
         """
-        line, opened, code = 1, False, False
-        while (window := self._text.window(line)) is not None:
-            index = 0
+        opened = code = False
+        for window, index in windows_from(self._text):
             while index < window.count:
                 percent = window.find(_PERCENT, index, window.count)
                 words = window.sorted.lines.first
@@ -662,7 +687,6 @@ class LineIndex:
                         return window.first + percent
                     opened = True
                 index = percent + 1
-            line = window.first + window.count
         return _END_OF_TEXT
 
     def program_around(self, line: int) -> tuple[int, int]:
@@ -679,22 +703,24 @@ class LineIndex:
 
     def numbered(self, number: int, begin: int, end: int) -> int | None:
         """Return the first line from ``begin`` to before ``end`` with this N number, or None."""
-        line = begin
-        while line < end and (window := self._text.window(line)) is not None:
-            offset = line - window.first
+        for window, offset in windows_from(self._text, begin):
+            if window.first + offset >= end:
+                break
             for index in (np.flatnonzero(window.label[offset:] == number) + offset).tolist():
                 if window.first + index < end and self.statement(window, index) is not None:
                     return window.first + index
-            line = window.first + window.count
         return None
 
-    def _candidates(self, line: int) -> Iterator[tuple[int, Window, int]]:
-        """Yield lines that begin like a control line: number, window, index in the window."""
-        while (window := self._text.window(line)) is not None:
-            offset = line - window.first
-            candidates: NDArray[np.intp] = (
-                np.flatnonzero(self._is_control_letter[window.head[offset:]]) + offset
+    def _candidates(
+        self, line: int, *, any_letter: bool = False
+    ) -> Iterator[tuple[int, Window, int]]:
+        """Yield lines that begin like a control line: number, window, index in the window.
+
+        With ``any_letter`` yield all lines that are not plain.
+        """
+        for window, offset in windows_from(self._text, line):
+            wanted: NDArray[np.bool_] = (
+                window.plain == 0 if any_letter else self._is_control_letter[window.head]
             )
-            for index in candidates.tolist():
+            for index in (np.flatnonzero(wanted[offset:]) + offset).tolist():
                 yield window.first + index, window, index
-            line = window.first + window.count

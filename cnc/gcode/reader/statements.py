@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 import string
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple, Protocol, cast
 
@@ -126,6 +126,16 @@ class Statement:
     board: str = ""
     percent: bool = False
     deletable: bool = False
+
+    def with_words(self, kept: Iterable[int]) -> Statement:
+        """Return the words at some indices, the assignments and the remarks."""
+        indices, computed = list(kept), dict(self.computed)
+        return Statement(
+            tuple(self.words[index] for index in indices),
+            tuple((at, computed[index]) for at, index in enumerate(indices) if index in computed),
+            self.assignments,
+            self.remarks,
+        )
 
 
 LENGTHS = "XYZUVWABCIJKRQ"

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.gcode.kernels.automaton import INLINED, NODE, NODE_OF_SEVERAL, NONE, OTHER, UNIT, Tables
+from cnc.gcode.kernels.automaton import INLINED, NODE, NODE_OF_SEVERAL, NONE, OTHER, Tables
 
 if TYPE_CHECKING:
     from lark import Lark
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 NAMES = ("ngc", "macro", "sinumerik", "klartext")
 """Names of the grammars."""
 _DIGEST = 32
-_FORMAT = 5
+_FORMAT = 8
 """Version of the tables' form."""
 _MOST_TEXTS = 64
 """A terminal with up to so many texts is a list of keywords: each text has a number of its own."""
@@ -166,11 +166,11 @@ def _grammar(
     tables: Tables, terminals: Iterable[str], rules: Iterable[str], texts: Iterable[str],
     wanted: Iterable[Iterable[str]],
 ) -> Grammar:  # fmt: skip
-    keywords = (tables.spelling.max(axis=1) >= 0).tolist()
-    names = tuple(rules)
+    names, rule_names = tuple(terminals), tuple(rules)
+    keywords = set(tables.token[tables.spelling >= 0].tolist())
     return Grammar(
-        tables, tuple(terminals), names, tuple(texts), tuple(map(frozenset, wanted)),
-        tuple(keywords), tuple(f"_{name}" for name in names),
+        tables, names, rule_names, tuple(texts), tuple(map(frozenset, wanted)),
+        tuple(k in keywords for k in range(len(names))), tuple(f"_{name}" for name in rule_names),
     )  # fmt: skip
 
 
@@ -252,7 +252,10 @@ class _Maker:
         action, goto = self._parser_tables()
         lexer_of, lexers = self._lexers(action)
         moves, begins, accepts, texts = self._automaton(lexers)
-        token, spelling = self._tokens(lexers, accepts)
+        token = [self._chosen(accepted) if accepted else NONE for accepted in accepts]
+        spelling = [
+            accepted.get(chosen, -1) for accepted, chosen in zip(accepts, token, strict=True)
+        ]
         pairs, after = self._successors(action, goto)
         rules = [str(rule.alias or rule.origin.name) for rule in self._rules]
         final = (moves == NONE).all(axis=1)
@@ -261,17 +264,17 @@ class _Maker:
         tables = Tables(
             moves=moves,
             final=final.astype(np.uint8),
-            lexer=lexer_of,
-            begin=begins,
-            token=token,
-            spelling=spelling,
+            start=begins[lexer_of],
+            token=np.array(token, np.uint16),
+            spelling=np.array(spelling, np.int16),
             action=action,
             pair=pairs,
             after=after,
-            length=np.array([len(rule.expansion) for rule in self._rules], np.uint16),
+            act_after=action[after, np.arange(action.shape[1])],
+            length=np.array([len(rule.expansion) for rule in self._rules], np.int64),
             left=np.array([self._nonterminals[rule.origin.name] for rule in self._rules], np.int16),
             kind=np.array([self._kind(rule) for rule in self._rules], np.uint8),
-            kept=np.array([self._is_kept(name) for name in self._names], np.uint8),
+            kept=np.array([self._is_kept(name) for name in self._names], np.int64),
             ignored=np.array([name in self._ignored for name in self._names], np.uint8),
             number=np.array([name == "NUMBER" for name in self._names], np.uint8),
             ends=np.array([self._states[start], self._states[end]], np.int64),
@@ -300,9 +303,7 @@ class _Maker:
         inlined = rule.origin.name.startswith("_")
         if not inlined and (rule.alias or not rule.options.expand1):
             return NODE
-        if len(rule.expansion) == 1:
-            return UNIT
-        return INLINED if inlined else NODE_OF_SEVERAL
+        return INLINED if inlined or len(rule.expansion) == 1 else NODE_OF_SEVERAL
 
     def _is_kept(self, name: str) -> bool:
         """Return whether a terminal is a node: Lark leaves out those without a name."""
@@ -322,7 +323,7 @@ class _Maker:
         count, columns = action.shape
         pairs = np.full((count, len(self._nonterminals)), NONE, np.uint16)
         after = np.empty((len(gotos), columns), np.uint16)
-        silent = [self._kind(rule) == UNIT for rule in self._rules]
+        silent = [self._kind(rule) == INLINED and len(rule.expansion) == 1 for rule in self._rules]
         left = [self._nonterminals[rule.origin.name] for rule in self._rules]
         for row, ((below, nonterminal), target) in enumerate(gotos.items()):
             pairs[below, nonterminal] = row
@@ -401,21 +402,6 @@ class _Maker:
             accepted = frozenset(np.flatnonzero(row).tolist()) | ignored
             lexer_of[state] = lexers.setdefault(accepted, len(lexers))
         return lexer_of, lexers
-
-    def _tokens(
-        self, lexers: dict[frozenset[int], int], accepts: list[dict[int, int]]
-    ) -> tuple[NDArray[np.uint16], NDArray[np.int16]]:
-        """Return by lexer and state the terminal, and by terminal and state its text."""
-        token = np.full((len(lexers), len(accepts)), NONE, np.uint16)
-        spelling = np.full((len(self._names), len(accepts)), -1, np.int16)
-        for state, accepted_here in enumerate(accepts):
-            for terminal, text in accepted_here.items():
-                spelling[terminal, state] = text
-            for wanted, lexer in lexers.items():
-                accepted = [number for number in accepted_here if number in wanted]
-                if accepted:
-                    token[lexer, state] = self._chosen(accepted)
-        return token, spelling
 
     def _chosen(self, accepted: Iterable[int]) -> int:
         """Return the terminal of highest priority.

@@ -9,18 +9,17 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 
+from cnc.gcode.core.block_matching import BLOCK_KEYWORDS, block_at
 from cnc.gcode.core.call_stack import ControlStep, Flow, Frame, Listing, Loop, Maker, Section, Step
-from cnc.gcode.core.control_flow import BackwardJump, enter_branch, enter_loop
+from cnc.gcode.core.control_flow import BackwardJump
 from cnc.gcode.core.coordinates import Figure, ProgramFrame
 from cnc.gcode.core.subprograms import skips_missing
-from cnc.gcode.kernels import rules
-from cnc.gcode.reader.source_text import Place
-from cnc.gcode.reader.statements import Control, Statement, Value
+from cnc.gcode.reader.source_text import lines_with, windows_from
+from cnc.gcode.reader.statements import Control, Statement
 from cnc.gcode.reader.words import Word, under_compensation
 from cnc.model.blocks import PLANE_AXES
-from cnc.model.diagnostics import CncError, GcodeError
+from cnc.model.diagnostics import GcodeError
 
 # Jumps: a label is searched in the direction of the jump, to the end of the program (GOTOF), to its
 # beginning (GOTOB) or both.
@@ -82,33 +81,11 @@ def labelled(listing: Listing, target: str, line: int, end: int = 1 << 62) -> It
         ).encode(),
         re.IGNORECASE,
     )
-    while line < end and (window := listing.window(line)) is not None:
-        index, last = line - window.first, min(window.count, end - window.first)
-        while index < last and (index := window.find(pattern, index, last)) < last:
-            yield window.first + index
-            index += 1
-        line = window.first + window.count
+    for window, index in lines_with(listing, pattern, line, end):
+        yield window.first + index
 
 
-# Branches and loops: a block is read to its end when its first line is executed for the first time.
-
-_END_OF = {
-    "s-if": "s-endif",
-    "s-while": "s-endwhile",
-    "s-for": "s-endfor",
-    "s-loop": "s-endloop",
-    "s-repeat": "s-until",
-}
-_ENDS = frozenset((*_END_OF.values(), "s-else"))
-
-
-@dataclass(slots=True)
-class _Block:
-    """A branch or loop whose end has not been found yet; ``otherwise`` is the line of its ELSE."""
-
-    line: int
-    control: Control
-    otherwise: int = 0
+# Counting loops; :mod:`cnc.gcode.core.block_matching` reads all blocks.
 
 
 class _For:
@@ -149,85 +126,11 @@ class _EndFor:
         return begin.after(flow)
 
 
-def _block_at(flow: Flow, line: int, control: Control) -> Step:
-    """Return the step of a line that opens a block, and make the steps of the whole block.
-
-    Raises:
-        CncError: ``block-not-closed``, ``block-crossed``, ``block-not-open``.
-    """
-    listing = flow.listing
-    if control.keyword in _ENDS:
-        name = control.keyword[2:].upper()
-        message = f"{name} without the beginning of its block before it"
-        hint = "a jump must not lead into a block"
-        raise listing.control_fault(line, control, "block-not-open", message, hint)
-    blocks: list[_Block] = []
-    for at, block in _control_lines(listing, line):
-        if block.keyword in _END_OF:
-            blocks.append(_Block(at, block))
-        elif block.keyword in _ENDS:
-            _end(listing, blocks, at, block)
-        if not blocks:
-            return listing.steps[line]
-    name = blocks[-1].control.keyword[2:].upper()
-    needed = _END_OF[blocks[-1].control.keyword][2:].upper()
-    raise listing.control_fault(
-        blocks[-1].line,
-        blocks[-1].control,
-        "block-not-closed",
-        f"{name} is not closed before the end of the file",
-        f"{needed} is missing",
-    )
-
-
-def _control_lines(listing: Listing, line: int) -> Iterator[tuple[int, Control]]:
-    """Yield the control lines from a line on, with their numbers."""
-    while (window := listing.window(line)) is not None:
-        for index in range(line - window.first, window.count):
-            statement = None if window.plain[index] else listing.statement(window, index)
-            if statement is not None and statement.control is not None:
-                yield window.first + index, statement.control
-        line = window.first + window.count
-
-
-def _end(listing: Listing, blocks: list[_Block], line: int, control: Control) -> None:
-    """Take an ELSE or the end of a block."""
-    block = blocks[-1]
-    opener = block.control.keyword
-    if control.keyword == "s-else" and opener == "s-if" and not block.otherwise:
-        block.otherwise = line
-        return
-    if _END_OF[opener] != control.keyword:
-        raise _crossed(listing, line, control, block)
-    blocks.pop()
-    first, values = block.line, block.control.values
-    if opener == "s-if":
-        enter_branch(listing, [(first, values[0])], block.otherwise, line)
-        return
-    at = Place(first, block.control.column, block.control.length)
-    loop = Loop(opener[2:].upper(), at, first, line)
-    if opener == "s-while":
-        enter_loop(listing, loop, (rules.WHILE, rules.END_WHILE), values[0], None)
-    elif opener == "s-loop":
-        enter_loop(listing, loop, (rules.DO, rules.JUMP), None, None)
-    elif opener == "s-repeat":
-        until = _not(control.values[0])
-        enter_loop(listing, loop, (rules.DO, rules.DO_WHILE), None, until)
-    else:
-        count = _For(block.control, loop)
-        listing.steps[first], listing.steps[line] = count, _EndFor(count)
-        listing.loops.append(loop)
-
-
-def _crossed(listing: Listing, line: int, control: Control, block: _Block) -> CncError:
-    name, other = control.keyword[2:].upper(), block.control.keyword[2:].upper()
-    message = f"{name} inside the {other} of line {block.line}, which is still open"
-    hint = "close the innermost block first"
-    return listing.control_fault(line, control, "block-crossed", message, hint)
-
-
-def _not(value: Value) -> Value:
-    return lambda parameters: float(not value(parameters))
+def enter_count(listing: Listing, control: Control, loop: Loop) -> None:
+    """Enter the first and the last line of a FOR."""
+    count = _For(control, loop)
+    listing.steps[loop.first], listing.steps[loop.last] = count, _EndFor(count)
+    listing.loops.append(loop)
 
 
 # Sections that REPEAT executes again.
@@ -313,11 +216,8 @@ class _Repeat(ControlStep):
 
 def _is_end(listing: Listing, line: int) -> bool:
     """Return whether a line ends a program or a subprogram. A faulty line does not."""
-    window = listing.window(line)
-    if window is None:
-        return False
     try:
-        statement = listing.statement(window, line - window.first)
+        statement = listing.statement_at(line)
     except GcodeError:
         return False
     control = statement.control if statement is not None else None
@@ -554,26 +454,18 @@ def _head(listing: Listing, name: str) -> int:
         rb"|(?:N[0-9]+[ \t]*)?PROC[ \t]+" + name.encode() + rb"\b)",
         re.IGNORECASE,
     )
-    line = 1
-    while (window := listing.window(line)) is not None:
-        index = window.find(pattern, 0, window.count)
-        if index < window.count:
-            return window.first + index
-        line = window.first + window.count
-    return 0
+    return next((window.first + index for window, index in lines_with(listing, pattern)), 0)
 
 
 def _parameters(listing: Listing, scope: int) -> tuple[str | int, ...]:
     """Return the parameters of a subprogram, each with its type, from the PROC that begins it."""
-    line = max(scope, 1)
-    while (window := listing.window(line)) is not None:
-        for index in range(line - window.first, window.count):
+    for window, begin in windows_from(listing, max(scope, 1)):
+        for index in range(begin, window.count):
             statement = listing.statement(window, index)
             if statement is None or statement.words:
                 return ()
             if (control := statement.control) is not None:
                 return control.names if control.keyword == "s-proc" else ()
-        line = window.first + window.count
     return ()
 
 
@@ -642,7 +534,7 @@ MAKERS: dict[str, Maker] = {
     "s-again": _Repeat,
     "s-def": _Definition,
     "s-goto": LabelJump,
-    **dict.fromkeys((*_END_OF, *_ENDS), _block_at),
+    **dict.fromkeys(BLOCK_KEYWORDS, block_at),
     "frame": FrameLine,
     "s-call": Call,
     "s-end": End,

@@ -25,7 +25,7 @@ from cnc.gcode.core.offset_curves import (
 from cnc.gcode.core.subprograms import Call
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.reader.source_text import Place
-from cnc.gcode.reader.statements import Control, Statement, Value
+from cnc.gcode.reader.statements import Control, Statement
 from cnc.gcode.reader.words import G, LineWords, Word, fault, whole
 from cnc.gcode.turning.codes import take_least_increments
 from cnc.gcode.turning.cycles import TurningCycles
@@ -371,26 +371,21 @@ class ProfileCycle:
     def _sorted(self, flow: Flow) -> tuple[LineWords, Statement]:
         """The words of the cycle, and the rest of the line as a statement."""
         own: list[Word] = []
-        kept: list[Word] = []
-        computed: list[tuple[int, Value]] = []
+        kept: list[int] = []
         values = dict(self._statement.computed)
         for index, word in enumerate(self._statement.words):
             if word is self._word:
                 continue
             if word.letter in _MODES:
-                if index in values:
-                    computed.append((len(kept), values[index]))
-                kept.append(word)
+                kept.append(index)
                 continue
             number = values[index](flow.parameters) if index in values else word.number
             own.append(Word(word.letter, number, word.written, word.column, word.length))
-        statement = self._statement
-        rest = Statement(tuple(kept), tuple(computed), statement.assignments, statement.remarks)
         words, interpreter = LineWords.of(own), flow.interpreter
         if interpreter.dialect.turning.least_increments:
             scale = interpreter.modal.scale
             take_least_increments(words, self._code.code, scale)
-        return words, rest
+        return words, self._statement.with_words(kept)
 
     def _line_of(self, flow: Flow, words: LineWords, letter: str, line: int) -> int:
         word = words.take(letter, self._word.written)
@@ -416,7 +411,7 @@ class ProfileCycle:
             raise self._fault("profile-too-long", message)
         lines: list[_Line] = []
         for number in range(first, last + 1):
-            statement = _statement(flow, number)
+            statement = flow.listing.statement_at(number)
             if statement is None:
                 continue
             if statement.control is not None or statement.percent or self._calls(flow, statement):
@@ -431,7 +426,7 @@ class ProfileCycle:
         if first < line:
             return line + 1
         for number in range(line + 1, first):
-            statement = _statement(flow, number)
+            statement = flow.listing.statement_at(number)
             if statement is not None and (statement.words or statement.control):
                 message = f"line {number} stands between the cycle and its profile"
                 hint = "write the profile right behind the cycle, or before it"
@@ -462,25 +457,16 @@ class ProfileCycle:
         return fault(code, message, self._word, hint)
 
 
-def _statement(flow: Flow, line: int) -> Statement | None:
-    window = flow.listing.window(line)
-    return None if window is None else flow.listing.statement(window, line - window.first)
-
-
 def _path_words(statement: Statement) -> Statement:
     """A line of a profile without tools, speeds, compensation and machine codes."""
-    values = dict(statement.computed)
-    kept: list[Word] = []
-    computed: list[tuple[int, Value]] = []
-    for index, word in enumerate(statement.words):
-        if word.letter not in _PATH_LETTERS or (
-            word.letter == "G" and index not in values and word.number not in _PATH_CODES
-        ):
-            continue
-        if index in values:
-            computed.append((len(kept), values[index]))
-        kept.append(word)
-    return Statement(tuple(kept), tuple(computed), statement.assignments)
+    computed = dict(statement.computed)
+    kept = (
+        index
+        for index, word in enumerate(statement.words)
+        if word.letter in _PATH_LETTERS
+        and (word.letter != "G" or index in computed or word.number in _PATH_CODES)
+    )
+    return replace(statement.with_words(kept), remarks=())
 
 
 def _path_of(interpreter: Interpreter, lines: Iterable[_Line], line: int) -> list[Block]:

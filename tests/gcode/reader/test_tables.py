@@ -9,7 +9,8 @@ import lark
 import numpy as np
 import pytest
 
-from cnc.gcode.reader.lines import Reading, read_line
+from cnc.gcode.kernels import automaton
+from cnc.gcode.reader.lines import Reading, classes, read_line
 from cnc.gcode.reader.tables import GrammarError, grammar, make, write
 from tests.support.corpus import shops
 from tests.support.gcode.adversary import SYNTAXES, Adversary, decoded
@@ -160,6 +161,32 @@ def test_the_grammar_reads_every_line_of_programs_for_sinumerik(shop: str) -> No
     for seed in range(20):
         for line in shops.STYLES[shop](Random(seed)).splitlines():
             assert not read_line(line, "sinumerik").results.status[0], line
+
+
+def test_many_lines_are_read_alike_without_a_compiler() -> None:
+    """Counts must not take the small types of the tables: there are more than 256 events."""
+    line = b"#1=[2+3*[4-5]]\n"
+    begins = np.arange(0, 40 * len(line), len(line), dtype=np.int32)
+    data, ends = np.frombuffer(40 * line, np.uint8), begins + np.int32(len(line) - 1)
+    found = []
+    for function in (automaton.read, automaton.read.py_func):
+        events = automaton.Events(
+            np.zeros(1000, np.int16), np.zeros(1000, np.int32), np.zeros(1000, np.int32),
+            np.zeros(1000),
+        )  # fmt: skip
+        results = automaton.Results(
+            np.zeros(41, np.int32), np.zeros(40, np.uint8), np.zeros(40, np.int32),
+            np.zeros(40, np.int16),
+        )  # fmt: skip
+        count = function(
+            data, begins, ends, 100, grammar("ngc").tables, classes("ngc"),
+            np.zeros((3, 108), np.int64), events, results,
+        )  # fmt: skip
+        found.append((int(count), *(row[:count].tolist() for row in events), results.first[40]))
+    assert found[0] == found[1]
+    # Of each line 1 = 2 + 3 * 4 - 5; the parameter, three operations, two brackets, the assignment
+    # and the block.
+    assert found[0][0] == 40 * (9 + 8)
 
 
 def test_numbers_have_the_bits_of_float() -> None:
