@@ -255,7 +255,6 @@ JOBS = {
             "planner.kernels.corner_bends",
             "planner.kernels.corner_turning",
             "planner.kernels.corner_cubic",
-            "planner.kernels.corner_room",
         ),
         plan_corner,
     ),

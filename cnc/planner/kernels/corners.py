@@ -27,8 +27,11 @@ from cnc.planner.kernels.arrays import LimitArrays, PathArrays
 from cnc.planner.kernels.corner_bends import (
     MOST_CUBICS,
     Blend,
+    Side,
     corner_plane,
     cubics_of,
+    fastest_blend,
+    largest_speed,
     no_blend,
     side_time,
     write_points,
@@ -40,19 +43,13 @@ from cnc.planner.kernels.corner_cubic import (
     half_time,
     write_blend,
 )
-from cnc.planner.kernels.corner_room import (
-    LEAST_TURN,
-    blend_along,
-    legs_of,
-    only_along,
-    passed_beside,
-)
-from cnc.planner.kernels.corner_turning import Bend, no_bend
+from cnc.planner.kernels.corner_turning import Bend, bend_of, no_bend
 from cnc.planner.kernels.legs import (
     LEGS_SHARE,
     REVERSED,
     SHARPEST,
     STRAIGHTEST,
+    LineBounds,
     directions,
     line_bounds,
     write_line,
@@ -76,6 +73,12 @@ SHARPEST_ALONE = math.sin(math.radians(175.0) / 2.0)
 """Sine of half the largest turn that a blend makes where the motion cannot pass a stop."""
 
 
+LEAST_TURN = 1e-4
+"""Sine of half the smallest turn of a blend whose curvature follows the speed. Below, the plane of
+the corner is not known well.
+"""
+
+
 class Treatment(NamedTuple):
     """The treatment of a corner.
 
@@ -92,6 +95,65 @@ class Treatment(NamedTuple):
     after: float
     blend: Blend
     bend: Bend
+
+
+@njit
+def only_along(limits: LimitArrays) -> bool:
+    """Return whether the jerk is limited along the path, and in no axis."""
+    return bool(limits.tangential_jerk < math.inf and limits.axis_jerk.min() == math.inf)
+
+
+@njit
+def _side_of(length: float, rests: bool, line: LineBounds) -> Side:
+    """Return a leg of a corner.
+
+    Half of it belongs to the corner at its other end, which may be none; the whole leg where the
+    motion rests there.
+    """
+    if rests:
+        return Side(2.0 * LEGS_SHARE * length, length, True, line)
+    return Side(LEGS_SHARE * length, 0.5 * length, False, line)
+
+
+@njit
+def _legs_of(
+    path: PathArrays, k: int, bound: Floats, limits: LimitArrays, rests: bool, u: Floats
+) -> tuple[Side, Side]:
+    """Return the legs of the corner behind line ``k``, with their directions ``u`` (2, axes)."""
+    before = path.stop_after[k - 1] if k > 0 else rests
+    return (
+        _side_of(path.length[k], before, line_bounds(u[0], bound[k], limits)),
+        _side_of(
+            path.length[k + 1], path.stop_after[k + 1], line_bounds(u[1], bound[k + 1], limits)
+        ),
+    )
+
+
+@njit
+def _blend_along(
+    path: PathArrays,
+    k: int,
+    bound: Floats,
+    limits: LimitArrays,
+    sides: tuple[Side, Side],
+    sine: float,
+    scratch: Scratch,
+) -> tuple[Blend, Bend]:
+    """Return the fastest blend where no axis limits the jerk, and its least radius.
+
+    Args:
+        path: the path.
+        k: the line before the corner.
+        bound: largest feed of each piece, mm/s.
+        limits: of the machine.
+        sides: the legs.
+        sine: of half the turn.
+        scratch: with the directions of the legs; receives the plane of the corner.
+    """
+    eps = path.tolerance[k] / corner_plane(sine, scratch.u, scratch.plane)
+    feed = min(bound[k], bound[k + 1], largest_speed(scratch.plane, limits))
+    bend = bend_of(scratch.plane, eps, max(sides[0].line.a, sides[1].line.a), limits)
+    return fastest_blend(sine, eps, feed, sides, bend), bend
 
 
 @njit
@@ -152,18 +214,11 @@ def choose(
         return passed
     if ramps and along:
         if LEAST_TURN < turn.sine < REVERSED:
-            sides = legs_of(path, k, bound, limits, rests, u)
-            blend, bend, tight = blend_along(path, k, bound, limits, sides, turn.sine, scratch)
+            sides = _legs_of(path, k, bound, limits, rests, u)
+            blend, bend = _blend_along(path, k, bound, limits, sides, turn.sine, scratch)
             best = side_time(straight, sides[0].length, sides[0])
             best += side_time(straight, sides[1].length, sides[1])
-            faster = blend.time < best * (1.0 - BETTER)
-            if passes and tight:
-                if passed_beside(path, k, bound, limits, rests, scratch):
-                    # The legs are too short for the tolerance: corners are passed together.
-                    return passed
-                directions(data, a, data, b, u)
-                corner_plane(turn.sine, u, scratch.plane)
-            if faster:
+            if blend.time < best * (1.0 - BETTER):
                 return Treatment(BLEND, blend.before.reach, blend.after.reach, blend, bend)
         # Where no axis limits the jerk, other motions are not always found.
         return passed if passes else stays
