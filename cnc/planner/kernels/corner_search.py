@@ -73,7 +73,6 @@ class Motion(NamedTuple):
 
     Attributes:
         saved: time that it saves, s; 0 for stops.
-        left_out: time that it would save where it is not worth a search, s.
         begin: time in the plan at which it begins, s.
         end: time in the plan at which it ends, s.
         before: distance of its start from the first corner, mm.
@@ -85,7 +84,6 @@ class Motion(NamedTuple):
     """
 
     saved: float
-    left_out: float
     begin: float
     end: float
     before: float
@@ -171,7 +169,6 @@ def motion_between(
     tube: Tube,
     basis: Floats,
     limits: LimitArrays,
-    worth: float,
     solutions: Solutions,
     rows: Rows,
 ) -> Motion:
@@ -185,7 +182,6 @@ def motion_between(
         tube: the legs.
         basis: their directions.
         limits: of the machine.
-        worth: time that is worth a search, s.
         solutions: of earlier searches.
         rows: space for the limits.
     """
@@ -196,7 +192,7 @@ def motion_between(
     s2, v2, a2 = state_at(t[legs], phase_of_time(t[legs], plan), plan)
     ends = np.array([[s1 - corners[0], v1, a1], [s2 - corners[legs - 2], v2, a2]])
     none = Motion(
-        0.0, 0.0, t[0], t[legs], -ends[0, 0], ends[1, 0], basis, tube, rows.t, np.empty((0, 0))
+        0.0, t[0], t[legs], -ends[0, 0], ends[1, 0], basis, tube, rows.t, np.empty((0, 0))
     )
     if not (-ends[0, 0] > REST and ends[1, 0] > REST):
         return none
@@ -213,9 +209,8 @@ def motion_between(
         spans[GROUPS * leg + 1] = math.log(_rounded(whole - first - second, whole))
         spans[GROUPS * leg + 2] = math.log(_rounded(second, whole))
     c = _first_points(tube, slow, rows, spans)
-    exists, left_out = solve(tube, rows, c, spans, (t[legs] - t[0], worth), solutions)
-    if not exists:
-        return Motion(0.0, left_out, t[0], t[legs], -ends[0, 0], ends[1, 0], basis, tube, rows.t, c)
+    if not solve(tube, rows, c, spans, solutions):
+        return none
     set_knots(tube, spans, rows.t)
     _write_ends(tube, ends, scales, True)
     place_ends(tube, rows.t, c)
@@ -225,7 +220,6 @@ def motion_between(
         return none
     return Motion(
         saved,
-        0.0,
         t[0],
         t[legs],
         -ends[0, 0],
@@ -309,7 +303,6 @@ def find_motion(
     bound: Floats,
     limits: LimitArrays,
     travel: Floats,
-    worth: float,
     solutions: Solutions,
     rows: Rows,
 ) -> Motion:
@@ -323,7 +316,6 @@ def find_motion(
         bound: (pieces,): largest feeds, mm/s.
         limits: of the machine.
         travel: (2, axes): lowest and highest positions, mm.
-        worth: time that is worth a search, s.
         solutions: of earlier searches.
         rows: space for the limits.
     """
@@ -333,8 +325,8 @@ def find_motion(
     begins, ends = goes_on(times, plan, limits)
     if len(basis) == 0 or not (begins and ends):
         # Where no directions are common to all legs, their corners are passed one by one.
-        return Motion(0.0, 0.0, times[0], times[1], 0.0, 0.0, basis, tube, rows.t, np.empty((0, 0)))
-    return motion_between(path, plan, chain, times, tube, basis, limits, worth, solutions, rows)
+        return Motion(0.0, times[0], times[1], 0.0, 0.0, basis, tube, rows.t, np.empty((0, 0)))
+    return motion_between(path, plan, chain, times, tube, basis, limits, solutions, rows)
 
 
 @njit
