@@ -24,8 +24,8 @@ from cnc.path.kernels.curve import LINE, SPAN
 from cnc.planner.audit import Audit
 from cnc.planner.corners import empty_path, new_chunk, numbered, path_arrays
 from cnc.planner.finished import FinishedPart, PassedChain
-from cnc.planner.kernels.corner_memory import Solutions, new_solutions
 from cnc.planner.kernels.corner_places import count_corners, first_undecided, leaves_path
+from cnc.planner.kernels.corner_search import Solutions, new_solutions
 from cnc.planner.kernels.corner_stops import (
     CORNER_STEPS,
     PassedChains,

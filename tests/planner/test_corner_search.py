@@ -11,8 +11,14 @@ from cnc.path.build import build
 from cnc.planner.audit import Audit
 from cnc.planner.corner_motions import CornerMotions
 from cnc.planner.kernels.arrays import PlanArrays
-from cnc.planner.kernels.corner_memory import FIRST_WORK, WORK, allow_work, new_solutions
-from cnc.planner.kernels.corner_search import OPEN, goes_on
+from cnc.planner.kernels.corner_search import (
+    FIRST_WORK,
+    OPEN,
+    WORK,
+    allow_work,
+    goes_on,
+    new_solutions,
+)
 from cnc.planner.limits import Limits
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk

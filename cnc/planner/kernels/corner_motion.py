@@ -28,9 +28,13 @@ from cnc.planner.kernels.corner_newton import (
     Newton,
     assemble,
     barrier,
+    correct,
     duration,
+    furthest,
+    look_ahead,
     most_used,
     new_newton,
+    newton_step,
 )
 from cnc.planner.kernels.corner_rows import (
     Rows,
@@ -39,7 +43,6 @@ from cnc.planner.kernels.corner_rows import (
     set_stencils,
     write_rows,
 )
-from cnc.planner.kernels.corner_step import correct, furthest, look_ahead, newton_step
 from cnc.planner.kernels.corner_tube import EDGE, FIXED, Tube, durations_of, place_ends, set_knots
 
 GAP = 1e-3

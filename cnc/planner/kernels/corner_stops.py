@@ -24,7 +24,6 @@ from cnc.compiled.jit import njit
 from cnc.path.kernels.curve import LENGTH, START, Floats
 from cnc.planner.kernels.arrays import LimitArrays, PathArrays, PlanArrays
 from cnc.planner.kernels.corner_legs import LEG_STEPS, MOST_DIRECTIONS, MOST_STEPS
-from cnc.planner.kernels.corner_memory import Solutions, allow_work
 from cnc.planner.kernels.corner_pieces import (
     EARLIER,
     NUMBERS,
@@ -49,6 +48,8 @@ from cnc.planner.kernels.corner_places import (
 from cnc.planner.kernels.corner_rows import Rows, new_rows
 from cnc.planner.kernels.corner_search import (
     Motion,
+    Solutions,
+    allow_work,
     find_motion,
     goes_on,
     times_of_motion,
