@@ -29,9 +29,9 @@ from cnc.path.kernels.curve import LINE, Pieces
 from cnc.planner.audit import Audit
 from cnc.planner.corner_motions import CornerMotions
 from cnc.planner.corners import CornerBlending
-from cnc.planner.kernels.corner_memory import Solutions
 from cnc.planner.kernels.corner_places import MOST_CORNERS
-from cnc.planner.kernels.corner_room import only_along
+from cnc.planner.kernels.corner_search import Solutions
+from cnc.planner.kernels.corners import only_along
 from cnc.planner.kernels.legs import record_end
 from cnc.planner.limits import Limits
 from cnc.planner.window import LONG, Window

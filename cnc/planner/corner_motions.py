@@ -24,11 +24,10 @@ from cnc.path.kernels.curve import LINE, SPAN
 from cnc.planner.audit import Audit
 from cnc.planner.corners import empty_path, new_chunk, numbered, path_arrays
 from cnc.planner.finished import FinishedPart, PassedChain
-from cnc.planner.kernels.corner_memory import Solutions, new_solutions
 from cnc.planner.kernels.corner_places import count_corners, first_undecided, leaves_path
+from cnc.planner.kernels.corner_search import Solutions, new_solutions
 from cnc.planner.kernels.corner_stops import (
     CORNER_STEPS,
-    Before,
     PassedChains,
     corner_size,
     pass_corners,
@@ -65,8 +64,6 @@ class CornerMotions:
         self._held: PlanChunk | None = None
         self._shared = False
         """Whether the next part begins on a leg that begins with a corner that is passed."""
-        self._unsought_from = 0.0
-        """Time in the plans from which on :class:`Before` counts, s."""
         self._searches = True
         self._earlier = 0.0
         self._shorter = 0.0
@@ -211,10 +208,10 @@ class CornerMotions:
         out = empty_path(most, len(plan.path.data) + (corners + 1) * corner_size(axes))
         out_plan = empty_plan(most, phases)
         chains = PassedChains(np.empty(corners), np.empty(corners), np.empty(corners))
-        count, spans, numbers, passed, unsought = pass_corners(
+        count, spans, numbers, passed = pass_corners(
             path,
             plan.arrays,
-            Before(self._shared, max(plan.t0 - self._unsought_from, 0.0)),
+            self._shared,
             limits.feeds(plan.path),
             limits.arrays,
             limits.travel,
@@ -223,7 +220,6 @@ class CornerMotions:
             out_plan,
             chains,
         )
-        self._unsought_from = plan.t0 + plan.duration - unsought
         if not passed:
             return None
         moved = self._moved(plan)

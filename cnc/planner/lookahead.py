@@ -39,7 +39,7 @@ from cnc.planner.corner_motions import CornerMotions
 from cnc.planner.corners import CornerBlending
 from cnc.planner.finished import Finished, FinishedPart
 from cnc.planner.joints import Joints
-from cnc.planner.kernels.corner_memory import new_solutions
+from cnc.planner.kernels.corner_search import new_solutions
 from cnc.planner.known_path import with_feeds_in_effect
 from cnc.planner.limits import Limits
 from cnc.planner.plan import PlanChunk

@@ -7,8 +7,8 @@ import pytest
 
 from cnc.planner import lookahead
 from cnc.planner.corner_choice import SHORT, passed_together
-from cnc.planner.kernels.corner_memory import new_solutions
 from cnc.planner.kernels.corner_places import MOST_CORNERS
+from cnc.planner.kernels.corner_search import new_solutions
 from cnc.planner.limits import Limits
 from tests.support.planner.corners import assert_legal, distances, duration, planned
 from tests.support.planner.motions import lines, machine, path_of, sampled

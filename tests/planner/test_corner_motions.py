@@ -16,9 +16,9 @@ from cnc.model.operator_control import Control
 from cnc.path.build import build
 from cnc.planner.audit import Audit
 from cnc.planner.corner_motions import CornerMotions
-from cnc.planner.kernels.corner_memory import new_solutions
 from cnc.planner.kernels.corner_motion import fastest_motion
 from cnc.planner.kernels.corner_rows import AXIS, new_rows, set_stencils
+from cnc.planner.kernels.corner_search import new_solutions
 from cnc.planner.kernels.corner_tube import Tube, place_ends, set_knots
 from cnc.planner.lookahead import LookAhead
 from tests.support.planner.corners import PER_AXIS, SQUARE, duration, planned

@@ -11,9 +11,14 @@ from cnc.path.build import build
 from cnc.planner.audit import Audit
 from cnc.planner.corner_motions import CornerMotions
 from cnc.planner.kernels.arrays import PlanArrays
-from cnc.planner.kernels.corner_memory import FIRST_WORK, WORK, allow_work, new_solutions
-from cnc.planner.kernels.corner_search import OPEN, goes_on
-from cnc.planner.kernels.corner_stops import WORTH
+from cnc.planner.kernels.corner_search import (
+    FIRST_WORK,
+    OPEN,
+    WORK,
+    allow_work,
+    goes_on,
+    new_solutions,
+)
 from cnc.planner.limits import Limits
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
@@ -124,58 +129,6 @@ def row_ends(tilts, solutions, *, allowed=math.inf, row=20.0):
         times.append(sum(part.duration for part in parts))
         work.append(int(solutions.work[0]) - before)
     return np.array(times), np.array(work)
-
-
-def test_a_search_begins_with_the_motion_past_similar_corners():
-    """It takes about half the work of a search on its own, and the motion is as fast."""
-    tilts = np.linspace(0.1, 0.2, 6)
-    alone = [row_ends([tilt], new_solutions()) for tilt in tilts]
-    times, work = row_ends(tilts, new_solutions())
-    assert work[0] == alone[0][1][0]
-    assert work[1:].sum() < 0.6 * sum(each[1][0] for each in alone[1:])
-    assert (times < np.concatenate([each[0] for each in alone]) * 1.001).all()
-
-
-def test_corners_stay_stops_where_similar_ones_gained_little():
-    """A corner of a long row is not sought; all that is left out stays below WORTH of the time."""
-    tilts = np.linspace(0.1, 0.12, 5)
-    alone, work = np.transpose([row_ends([tilt], new_solutions(), row=1000.0) for tilt in tilts])[0]
-    assert (work > 0).all()
-    times, work = row_ends(tilts, new_solutions(), row=1000.0)
-    assert work[0] > 0
-    assert (work[1:] == 0).all()
-    assert (times[1:] > alone[1:]).all()
-    assert (times[1:] <= alone[1:] * (1.0 + WORTH)).all()
-
-
-def test_what_is_left_out_adds_up():
-    """Of two corners that each gain 2/3 of what a row may leave out, one is sought."""
-    mill = machine(axis=(ACCELERATION, JERK), tangential=ACCELERATION, jerk=JERK)
-    rows, feed = 20, 40.0
-
-    def zigzag(row):
-        """Return the time with stops, the time that motions save, and the number of searches."""
-        points, here = [], np.zeros(3)
-        for k, tilt in enumerate(np.linspace(0.1, 0.12, rows)):
-            for step in ((-1.0) ** k * row * np.array([1.0, 0.0, tilt]), (0.0, 10.0, 0.5)):
-                here = here + step
-                points.append(here)
-        stops, ahead = planned(np.array(points), 0.0, mill, feed)
-        for chunk in stops:
-            chunk.path.tolerance[:] = 0.01
-        motions = CornerMotions(ahead.limits, Audit(ahead.limits), new_solutions())
-        parts = [part.plan for part in (*motions.passed(stops), *motions.flush())]
-        time = sum(chunk.duration for chunk in stops)
-        saved = time - sum(part.duration for part in parts)
-        return time, saved, int(motions._solutions.next[0])
-
-    corners = 2 * rows - 1
-    _, saved, searches = zigzag(20.0)
-    assert searches == corners
-    time, less, searches = zigzag(1.5 * saved / corners / WORTH * feed)
-    assert abs(searches - rows) <= 2
-    assert 0.0 < saved - less < WORTH * time
-    assert zigzag(1000.0)[2] < 3
 
 
 def test_nothing_is_sought_where_the_work_is_used_up():

@@ -13,7 +13,7 @@ from cnc.path.kernels.curve import METRIC, METRICS, SPAN, Pieces
 from cnc.planner.audit import largest_values
 from cnc.planner.kernels.arrays import PlanArrays
 from cnc.planner.kernels.audit import JERK, audit_phases
-from cnc.planner.kernels.corner_rates import ALONG_JERK, peak_in
+from cnc.planner.kernels.corner_along import ALONG_JERK, peak_in
 from cnc.planner.kernels.timed import TIMED_SIZE, TIMED_SIZE_PER_AXIS, write_timed
 from tests.support.planner.legality import examine
 

@@ -28,9 +28,13 @@ from cnc.planner.kernels.corner_newton import (
     Newton,
     assemble,
     barrier,
+    correct,
     duration,
+    furthest,
+    look_ahead,
     most_used,
     new_newton,
+    newton_step,
 )
 from cnc.planner.kernels.corner_rows import (
     Rows,
@@ -39,7 +43,6 @@ from cnc.planner.kernels.corner_rows import (
     set_stencils,
     write_rows,
 )
-from cnc.planner.kernels.corner_step import correct, furthest, look_ahead, newton_step
 from cnc.planner.kernels.corner_tube import EDGE, FIXED, Tube, durations_of, place_ends, set_knots
 
 GAP = 1e-3
@@ -96,24 +99,6 @@ SLOWER = 0.04
 WEIGHT = 0.01
 """T / T0 counts so much beside s in that search, so that slower motion is not sought at any price.
 """
-
-
-NEAR = 50.0
-"""t where a motion past similar corners is brought inside all bounds, by the number of rows."""
-
-INSIDE_FIRST = 3.0
-"""s counts so many times as much as T / T0 then."""
-
-NEAR_GAP = 5e-3
-"""The (number of rows) / t behind it, the only one. The motion takes 0.05 to 0.1 % longer than with
-GAP, and the search half the time.
-"""
-
-FARTHEST = 2.0
-"""A motion past similar corners for which s begins with more is no start."""
-
-LEAST_ROOM = 0.05
-"""Room of the logarithms of its durations above the least ones."""
 
 
 @njit
@@ -264,54 +249,6 @@ def fastest_motion(tube: Tube, rows: Rows, c: Floats, spans: Floats) -> bool:
         return False
     count = float(rows.number[1] + rows.along.number[0])
     return _settled(tube, rows, n, (FIRST * count, count / GAP, unit), c, spans)
-
-
-@njit
-def motion_near(
-    tube: Tube,
-    rows: Rows,
-    c: Floats,
-    spans: Floats,
-    near: Floats,
-    near_spans: Floats,
-) -> bool:
-    """Make a motion past corners the fastest one, from one past similar corners.
-
-    Such a motion is nearly the fastest one, and a little outside the limits. s is lowered with t so
-    large that the duration hardly grows meanwhile.
-
-    Args:
-        tube: the legs, and the states at both ends.
-        rows: receives their limits.
-        c: (steps + 3, d): control points of a motion inside the limits or not, replaced by those of
-            the result, if there is one.
-        spans: (groups,): logarithms of the durations of the groups there, replaced likewise.
-        near: (steps + 3, d): control points of the motion past similar corners.
-        near_spans: (groups,): logarithms of the durations of its groups.
-
-    Returns:
-        Whether a motion inside all limits was found.
-    """
-    write_rows(tube, rows)
-    n = new_newton(tube, rows, c, spans)
-    rows.group[:] = -1
-    n.c[:] = near
-    for g in range(len(spans)):
-        n.spans[g] = max(near_spans[g], n.least[g] + LEAST_ROOM)
-    _place(tube, rows, n.c, n.spans)
-    s = _least_s(rows)
-    if not s < FARTHEST:
-        return False
-    unit = 1.0 / duration(n.share, n.spans)
-    count = float(rows.number[1] + rows.along.number[0])
-    t = NEAR * count
-    while s > LEGAL:
-        if t > count / GAP:
-            return False
-        s = _lowered(tube, rows, n, (t * unit, INSIDE_FIRST * t), s, LEGAL)
-        t *= RAISE
-    last = count / NEAR_GAP
-    return _settled(tube, rows, n, (last, last, unit), c, spans)
 
 
 @njit

@@ -2,7 +2,7 @@
 
 What the search ends with depends on rounding. So its input is rounded, to more than the rounding
 errors of plans. But for rare cases the same motion is found wherever a plan is cut, and it need not
-be sought twice.
+be sought twice: it is taken from the last searches.
 """
 
 from __future__ import annotations
@@ -13,16 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 from cnc.compiled.jit import njit
-from cnc.path.kernels.curve import Floats
+from cnc.path.kernels.curve import Floats, Ints
 from cnc.planner.kernels.arrays import LimitArrays, PathArrays, PlanArrays
 from cnc.planner.kernels.corner_guess import Slow, slow_motion, slow_state
-from cnc.planner.kernels.corner_legs import (
-    GROUPS,
-    MOST_DIRECTIONS,
-    basis_of,
-    tube_of,
-)
-from cnc.planner.kernels.corner_memory import Solutions, solve
+from cnc.planner.kernels.corner_legs import GROUPS, MOST_DIRECTIONS, MOST_STEPS, basis_of, tube_of
+from cnc.planner.kernels.corner_motion import fastest_motion
 from cnc.planner.kernels.corner_places import (
     MOST_CORNERS,
     Chain,
@@ -35,6 +30,143 @@ from cnc.planner.kernels.corner_places import (
 from cnc.planner.kernels.corner_rows import Rows
 from cnc.planner.kernels.corner_tube import Tube, place_ends, set_knots
 from cnc.planner.kernels.legs import REST, corner_time, directions, line_bounds
+
+SOLUTIONS = 64
+"""Motions that are kept."""
+
+NUMBERS = 1536
+"""Most numbers of the input of a motion that is kept."""
+
+WORK = 300_000.0
+"""Work that each second of motion allows, about 0.1 s: rows of the steps of Newton's method.
+A count does not depend on the machine, as a clock would.
+"""
+
+FIRST_WORK = 3_000_000.0
+"""Work that is allowed at first: that of about 100 corners."""
+
+
+class Solutions(NamedTuple):
+    """Results of searches, kept with their input.
+
+    Attributes:
+        input: (SOLUTIONS, NUMBERS): the input of each search; NaN for none.
+        length: (SOLUTIONS,): number of these numbers.
+        points: (SOLUTIONS, MOST_STEPS + 3, MOST_DIRECTIONS): its control points.
+        spans: (SOLUTIONS, groups): logarithms of the durations of its groups.
+        exists: (SOLUTIONS,): 1 if there is a motion, or 0.
+        next: (1,): the one to be replaced next.
+        work: (1,): that of all searches: rows of the steps of Newton's method, added up.
+        most_work: (1,): above this nothing is sought. It grows with the motion.
+    """
+
+    input: Floats
+    length: Ints
+    points: Floats
+    spans: Floats
+    exists: Ints
+    next: Ints
+    work: Ints
+    most_work: Floats
+
+
+def new_solutions() -> Solutions:
+    """Return space for solutions."""
+    return Solutions(
+        np.full((SOLUTIONS, NUMBERS), math.nan),
+        np.zeros(SOLUTIONS, np.int64),
+        np.empty((SOLUTIONS, MOST_STEPS + 3, MOST_DIRECTIONS)),
+        np.empty((SOLUTIONS, GROUPS * (MOST_CORNERS + 1))),
+        np.zeros(SOLUTIONS, np.int64),
+        np.zeros(1, np.int64),
+        np.zeros(1, np.int64),
+        np.full(1, FIRST_WORK),
+    )
+
+
+@njit
+def allow_work(solutions: Solutions, duration: float) -> None:
+    """Allow the work for so many seconds of motion. Of what is not used, FIRST_WORK stays."""
+    left = solutions.most_work[0] - solutions.work[0] + WORK * duration
+    solutions.most_work[0] = solutions.work[0] + min(left, FIRST_WORK + WORK * duration)
+
+
+@njit
+def solve(tube: Tube, rows: Rows, c: Floats, spans: Floats, solutions: Solutions) -> bool:
+    """Make a first guess of the motion the fastest one; return whether there is one.
+
+    Nothing is sought where the searches before took more work than the motion allows.
+
+    Args:
+        tube: the legs, and the states at both ends.
+        rows: space for the limits.
+        c: (steps + 3, d): control points, replaced by those of the result.
+        spans: (groups,): logarithms of the durations of the groups, replaced likewise.
+        solutions: of earlier searches, receives the result.
+    """
+    wanted = np.empty(NUMBERS)
+    count = _write_input(tube, c, spans, wanted)
+    points, d = c.shape
+    k = _same_search(wanted, count, solutions) if count else -1
+    if k >= 0:
+        c[:] = solutions.points[k, :points, :d]
+        spans[:] = solutions.spans[k, : len(spans)]
+        return bool(solutions.exists[k] > 0)
+    if solutions.work[0] > solutions.most_work[0]:
+        return False
+    rows.work[0] = 0
+    exists = fastest_motion(tube, rows, c, spans)
+    solutions.work[0] += rows.work[0]
+    if count:
+        k = solutions.next[0]
+        solutions.next[0] = (k + 1) % SOLUTIONS
+        solutions.input[k] = wanted
+        solutions.length[k] = count
+        solutions.points[k, :points, :d] = c
+        solutions.spans[k, : len(spans)] = spans
+        solutions.exists[k] = 1 if exists else 0
+    return bool(exists)
+
+
+@njit
+def _write_input(tube: Tube, c: Floats, spans: Floats, to: Floats) -> int:
+    """Write all that the search depends on, but for the machine's limits; return the count.
+
+    ``c`` comes last. The count is 0 where there is no space.
+    """
+    parts = (
+        tube.feed,
+        tube.along.ravel(),
+        tube.start.ravel(),
+        tube.ends.ravel(),
+        tube.axes.ravel(),
+        tube.travel.ravel(),
+        spans,
+        c.ravel(),
+    )
+    to[0] = tube.tolerance
+    at = 1
+    for part in parts:
+        if at + len(part) > NUMBERS:
+            return 0
+        to[at : at + len(part)] = part
+        at += len(part)
+    return at
+
+
+@njit
+def _same_search(wanted: Floats, count: int, solutions: Solutions) -> int:
+    """Return the index of the search with the same input, or -1."""
+    for k in range(SOLUTIONS):
+        same = solutions.length[k] == count
+        i = 0
+        while same and i < count:
+            same = wanted[i] == solutions.input[k, i]
+            i += 1
+        if same:
+            return k
+    return -1
+
 
 SIDE = 0.3
 CLOSEST = 3.0
@@ -73,7 +205,6 @@ class Motion(NamedTuple):
 
     Attributes:
         saved: time that it saves, s; 0 for stops.
-        left_out: time that it would save where it is not worth a search, s.
         begin: time in the plan at which it begins, s.
         end: time in the plan at which it ends, s.
         before: distance of its start from the first corner, mm.
@@ -85,7 +216,6 @@ class Motion(NamedTuple):
     """
 
     saved: float
-    left_out: float
     begin: float
     end: float
     before: float
@@ -171,7 +301,6 @@ def motion_between(
     tube: Tube,
     basis: Floats,
     limits: LimitArrays,
-    worth: float,
     solutions: Solutions,
     rows: Rows,
 ) -> Motion:
@@ -185,7 +314,6 @@ def motion_between(
         tube: the legs.
         basis: their directions.
         limits: of the machine.
-        worth: time that is worth a search, s.
         solutions: of earlier searches.
         rows: space for the limits.
     """
@@ -196,7 +324,7 @@ def motion_between(
     s2, v2, a2 = state_at(t[legs], phase_of_time(t[legs], plan), plan)
     ends = np.array([[s1 - corners[0], v1, a1], [s2 - corners[legs - 2], v2, a2]])
     none = Motion(
-        0.0, 0.0, t[0], t[legs], -ends[0, 0], ends[1, 0], basis, tube, rows.t, np.empty((0, 0))
+        0.0, t[0], t[legs], -ends[0, 0], ends[1, 0], basis, tube, rows.t, np.empty((0, 0))
     )
     if not (-ends[0, 0] > REST and ends[1, 0] > REST):
         return none
@@ -213,9 +341,8 @@ def motion_between(
         spans[GROUPS * leg + 1] = math.log(_rounded(whole - first - second, whole))
         spans[GROUPS * leg + 2] = math.log(_rounded(second, whole))
     c = _first_points(tube, slow, rows, spans)
-    exists, left_out = solve(tube, rows, c, spans, (t[legs] - t[0], worth), solutions)
-    if not exists:
-        return Motion(0.0, left_out, t[0], t[legs], -ends[0, 0], ends[1, 0], basis, tube, rows.t, c)
+    if not solve(tube, rows, c, spans, solutions):
+        return none
     set_knots(tube, spans, rows.t)
     _write_ends(tube, ends, scales, True)
     place_ends(tube, rows.t, c)
@@ -225,7 +352,6 @@ def motion_between(
         return none
     return Motion(
         saved,
-        0.0,
         t[0],
         t[legs],
         -ends[0, 0],
@@ -309,7 +435,6 @@ def find_motion(
     bound: Floats,
     limits: LimitArrays,
     travel: Floats,
-    worth: float,
     solutions: Solutions,
     rows: Rows,
 ) -> Motion:
@@ -323,7 +448,6 @@ def find_motion(
         bound: (pieces,): largest feeds, mm/s.
         limits: of the machine.
         travel: (2, axes): lowest and highest positions, mm.
-        worth: time that is worth a search, s.
         solutions: of earlier searches.
         rows: space for the limits.
     """
@@ -333,8 +457,8 @@ def find_motion(
     begins, ends = goes_on(times, plan, limits)
     if len(basis) == 0 or not (begins and ends):
         # Where no directions are common to all legs, their corners are passed one by one.
-        return Motion(0.0, 0.0, times[0], times[1], 0.0, 0.0, basis, tube, rows.t, np.empty((0, 0)))
-    return motion_between(path, plan, chain, times, tube, basis, limits, worth, solutions, rows)
+        return Motion(0.0, times[0], times[1], 0.0, 0.0, basis, tube, rows.t, np.empty((0, 0)))
+    return motion_between(path, plan, chain, times, tube, basis, limits, solutions, rows)
 
 
 @njit

@@ -24,7 +24,6 @@ from cnc.compiled.jit import njit
 from cnc.path.kernels.curve import LENGTH, START, Floats
 from cnc.planner.kernels.arrays import LimitArrays, PathArrays, PlanArrays
 from cnc.planner.kernels.corner_legs import LEG_STEPS, MOST_DIRECTIONS, MOST_STEPS
-from cnc.planner.kernels.corner_memory import Solutions, allow_work
 from cnc.planner.kernels.corner_pieces import (
     EARLIER,
     NUMBERS,
@@ -44,12 +43,13 @@ from cnc.planner.kernels.corner_places import (
     chain_from,
     passes_corner,
     phase_of_time,
-    rest_at,
     state_at,
 )
 from cnc.planner.kernels.corner_rows import Rows, new_rows
 from cnc.planner.kernels.corner_search import (
     Motion,
+    Solutions,
+    allow_work,
     find_motion,
     goes_on,
     times_of_motion,
@@ -58,24 +58,6 @@ from cnc.planner.kernels.legs import write_line
 
 CORNER_STEPS = 2 * LEG_STEPS
 """Largest number of steps for each corner."""
-
-WORTH = 2e-3
-"""Part of the motion since the last search that motions past corners may save and stay unsought. So
-all that is left out costs no more of a program's time.
-"""
-
-
-class Before(NamedTuple):
-    """The motion before a plan.
-
-    Attributes:
-        shared: whether the first leg begins with a corner that the motion passes.
-        unsought: time since the last search for a motion past corners, s. Motions that were left
-            out since make it shorter, by 1 / WORTH times what they would have saved.
-    """
-
-    shared: bool
-    unsought: float
 
 
 class PassedChains(NamedTuple):
@@ -101,14 +83,12 @@ def _motion_from(
     bound: Floats,
     limits: LimitArrays,
     travel: Floats,
-    since: float,
     solutions: Solutions,
     rows: Rows,
 ) -> tuple[Chain, Motion]:
     """Return the chain that begins behind piece ``b``, and the motion past it.
 
-    A chain ends before a corner at which the motion has to rest. ``since``: time of the plan from
-    which on WORTH of the motion may be left out, s.
+    A chain ends before a corner at which the motion has to rest.
     """
     most = MOST_CORNERS
     while True:
@@ -117,10 +97,7 @@ def _motion_from(
         if chain.last > b and not goes_on(times, plan, limits)[1]:
             most = chain.last - b
             continue
-        worth = WORTH * (plan.t[rest_at(path, plan, chain.last)] - since)
-        return chain, find_motion(
-            path, plan, chain, times, bound, limits, travel, worth, solutions, rows
-        )
+        return chain, find_motion(path, plan, chain, times, bound, limits, travel, solutions, rows)
 
 
 @njit
@@ -143,7 +120,7 @@ def _copy_phases(
 def pass_corners(
     path: PathArrays,
     plan: PlanArrays,
-    motion_before: Before,
+    shared: bool,
     bound: Floats,
     limits: LimitArrays,
     travel: Floats,
@@ -151,13 +128,13 @@ def pass_corners(
     out: PathArrays,
     out_plan: PlanArrays,
     chains: PassedChains,
-) -> tuple[int, int, int, int, float]:
+) -> tuple[int, int, int, int]:
     """Replace the motion at the stops on corners of a plan.
 
     Args:
         path: of the motion.
         plan: its phases.
-        motion_before: the motion before it.
+        shared: whether the first leg begins with a corner that the motion passes.
         bound: (pieces,): largest feeds, mm/s.
         limits: of the machine.
         travel: (2, axes): lowest and highest positions, mm.
@@ -169,7 +146,7 @@ def pass_corners(
 
     Returns:
         The numbers of pieces, of phases, of numbers in records of the new motion, and of chains
-        that are passed, and Before.unsought behind the plan.
+        that are passed.
     """
     pieces, end = len(path.length), len(plan.j)
     progress, lowest = begun(path, out)
@@ -179,26 +156,18 @@ def pass_corners(
     given = np.empty((2, n))
     rows = new_rows(MOST_STEPS, n, MOST_DIRECTIONS)
     allow_work(solutions, plan.t[-1] - plan.t[0])
-    since = plan.t[0] - motion_before.unsought
     passed = 0
     k = 0
     before = 0.0
-    last_stop = -1
     b = 0
     while b < pieces:
         count = counts[PIECES]
         at = path.pieces.at[b] - lowest
         after = 0.0
-        if b > last_stop and passes_corner(path, plan, b, bound, limits):
-            work = solutions.work[0]
+        if passes_corner(path, plan, b, bound, limits):
             chain, motion = _motion_from(
-                path, plan, b, motion_before.shared, bound, limits, travel, since, solutions, rows
+                path, plan, b, shared, bound, limits, travel, solutions, rows
             )
-            if motion.left_out > 0.0:
-                since += motion.left_out / WORTH
-                last_stop = chain.last
-            if solutions.work[0] > work:
-                since = plan.t[rest_at(path, plan, chain.last)]
             if motion.saved > 0.0:
                 after = motion.before
         out.pieces.kind[count] = path.pieces.kind[b]
@@ -254,7 +223,7 @@ def pass_corners(
     out_plan.s[last] = plan.s[end] + places[SHIFT]
     out_plan.v[last] = plan.v[end]
     out_plan.a[last] = plan.a[end]
-    return counts[PIECES], counts[PHASES], counts[NUMBERS], passed, plan.t[end] - since
+    return counts[PIECES], counts[PHASES], counts[NUMBERS], passed
 
 
 @njit

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from cnc.planner.kernels.corner_newton import Newton
-from cnc.planner.kernels.corner_step import newton_step
+from cnc.planner.kernels.corner_newton import Newton, newton_step
 
 FREE, WIDTH, GROUPS = 40, 9, 5
 
