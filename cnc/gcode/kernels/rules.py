@@ -105,7 +105,9 @@ def feed_of_move(linear: float, rotary: float, shifts: bool, turns: bool) -> flo
 
 
 @njit
-def length_of_move(start: Floats, end: Floats, groups: Ints) -> float:
+def length_of_move(
+    start: Floats | list[float], end: Floats | list[float], groups: Ints | list[int]
+) -> float:
     """Return the length of a straight move for its feed, mm or degrees.
 
     It counts x y z if one of them moves, else u v w, else a b c.
