@@ -264,7 +264,8 @@ def test_unsupported_modes_are_left_to_the_interpreter(mode: str) -> None:
 
 def test_moves_under_inverse_time_take_a_minute_over_f() -> None:
     """Lengths of x y z, else of u v w, else of a b c; a traverse needs no F."""
-    lines = ["G93", "G1 X3 Y4 F2", "U4 F30", "A90 F6", "X3 A180 F6", "X0 A0 F60", "G0 X9", "G1 X9 F7"]
+    lines = ["G93", "G1 X3 Y4 F2", "U4 F30", "A90 F6", "X3 A180 F6"]
+    lines += ["X0 A0 F60", "G0 X9", "G1 X9 F7"]
     found = both(["G0 X0 Y0 A0 U1", *lines], ("x", "y", "a", "u"))
     (_, block) = found.blocks
     assert isinstance(block, Polyline)
