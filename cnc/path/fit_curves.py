@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from cnc.model.blocks import PLANE_AXES, ArcFeed, NurbsFeed
 from cnc.path.block_pieces import Frame, check_finite, joined
-from cnc.path.kernels.bspline import nurbs_sagittas
+from cnc.path.kernels.bspline import nurbs_chord_ends
 from cnc.path.records import TURN, Floats, Records, arc_records, sweep_and_angle
 
 SAGITTA = 0.04
@@ -243,24 +243,7 @@ def _chords(block: NurbsFeed, points: Floats, sagitta: float) -> Iterator[Floats
     inner = np.unique(knots[block.degree : len(points) + 1])
     for first in range(0, len(inner) - 1, SPANS_AT_ONCE):
         u = inner[first : first + SPANS_AT_ONCE + 1]
-        u = np.append(_between(u, np.full(len(u) - 1, block.degree + 1)), u[-1])
-        while True:
-            ends, size, off = nurbs_sagittas(block.degree, knots, weighted, u)
-            # A chord over an angle h has a sagitta of h / 8 of its length.
-            allowed = np.minimum(sagitta, np.maximum(STEEPEST / 8.0 * size, 0.1 * sagitta))
-            fine = off <= allowed
-            if fine.all():
-                break
-            parts = np.ceil(np.sqrt(1.1 * off / allowed)).astype(np.int64)
-            u = np.append(_between(u, np.clip(parts, np.where(fine, 1, 2), 64)), u[-1])
+        ends = nurbs_chord_ends(block.degree, knots, weighted, u, sagitta, STEEPEST)
         if first + SPANS_AT_ONCE >= len(inner) - 1:
             ends[-1] = points[-1]
         yield ends
-
-
-def _between(u: Floats, parts: NDArray[np.int64]) -> Floats:
-    """Return the starts of so many equal parts of each interval of ascending numbers u."""
-    begins = np.repeat(np.cumsum(parts) - parts, parts)
-    share = (np.arange(len(begins)) - begins) / np.repeat(parts, parts)
-    between: Floats = np.repeat(u[:-1], parts) + share * np.repeat(np.diff(u), parts)
-    return between

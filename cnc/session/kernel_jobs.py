@@ -73,14 +73,15 @@ def build_simple() -> None:
 
 def build_nurbs() -> None:
     """Build a path of a NURBS, and chords of it."""
-    from cnc.path.kernels.bspline import nurbs_sagittas
+    from cnc.path.kernels.bspline import nurbs_chord_ends
 
     points = np.array([[1.0, 2.0, 0.0], [2.0, 3.0, 0.0], [3.0, 1.0, 0.0], [4.0, 2.0, 0.0]])
     knots = np.array([0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0])
     curve = NurbsFeed("", 3, 3, knots, points, np.ones(4), 1.0)
     for path in _path([_line(), _arc(), curve]):
         _travel(path)
-    nurbs_sagittas(3, knots, np.column_stack((points, np.ones(4))), np.array([0.0, 1.0]))
+    weighted = np.column_stack((points, np.ones(4)))
+    nurbs_chord_ends(3, knots, weighted, np.array([0.0, 1.0]), 0.01, 0.1)
 
 
 def fit() -> None:

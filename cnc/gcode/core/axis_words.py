@@ -18,11 +18,16 @@ from cnc.gcode.core.context import Context, Executor
 from cnc.gcode.core.coordinates import RotaryAxes
 from cnc.gcode.core.modal_groups import Feed, check_feed, feed_of
 from cnc.gcode.kernels.arithmetic import cosine, sine
-from cnc.gcode.kernels.rules import MIN_FEED, end_of_word, feed_of_move
+from cnc.gcode.kernels.rules import (
+    MIN_FEED,
+    end_of_word,
+    feed_of_move,
+    feed_of_time,
+    length_of_move,
+)
 from cnc.gcode.reader.words import AXES, POLAR, LineWords, Word, fault
 from cnc.model.blocks import ROTARY_LETTERS
 from cnc.model.diagnostics import GcodeError
-from cnc.model.units import per_second
 
 # Polar coordinates: ``@`` is the distance and ``^`` the angle of a point in X and Y.
 #
@@ -249,6 +254,8 @@ class AxisWords(Executor):
         self.length_change: tuple[float, int] | None = None
         self._linear = [letter not in ROTARY_LETTERS for letter in axes]
         self._has_rotary = not all(self._linear)
+        self.groups = ["xyzuvwabc".index(letter) // 3 for letter in axes]
+        """Groups of the axes, as of :func:`length_of_move`."""
         self._machine_words = False
         self.units_changed()
 
@@ -527,7 +534,8 @@ class AxisWords(Executor):
 
 # Feeds of moves in mm/s, or degrees/s where only rotary axes move.
 
-_feed_of_move = interpreted(feed_of_move)
+_feed_of_move, _feed_of_time = interpreted(feed_of_move), interpreted(feed_of_time)
+_length_of_move = interpreted(length_of_move)
 _FEED_HINT = "write F and the feed in this line or before it, or use --default-feed"
 
 
@@ -542,17 +550,7 @@ class MoveFeeds(AxisWords):
 
         It counts x y z if one of them moves, else u v w, else a b c.
         """
-        for group in ("xyz", "uvw", "abc"):
-            length = math.hypot(
-                *(
-                    end[i] - self.position[i]
-                    for i, letter in enumerate(self.axes)
-                    if letter in group
-                )
-            )
-            if length > 0:
-                return length
-        return 0.0
+        return _length_of_move(self.position, end, self.groups)
 
     def feed(self, words: LineWords, end: list[float], length: float | None, at: Word) -> float:
         """Return the feed of a move in mm/s, or in deg/s if only rotary axes move.
@@ -630,7 +628,7 @@ class MoveFeeds(AxisWords):
                 at,
                 "give F, one over the minutes of the move",
             )
-        rate = per_second(word.number * (length or 1.0))
+        rate = _feed_of_time(word.number, length)
         # A move of length 0 takes no time at any feed.
         check_feed(word, rate if length else math.inf)
         return rate

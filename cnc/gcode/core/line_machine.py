@@ -151,6 +151,7 @@ class LineMachine:
             if axis.upper() in dialect.axes and not interpreter.motion.needs_interpreter(index):
                 column[ord(axis.upper()) - ord("A")] = index
         setup["turns"][: len(axes)] = [float(axis in ROTARY_LETTERS) for axis in axes]
+        setup["groups"][: len(axes)] = interpreter.motion.groups
         for row, plane in enumerate(_PLANES):
             letters = (*PLANE_AXES[plane], _ACROSS[plane].lower())
             setup["planes"][row] = [axes.index(axis) if axis in axes else -1 for axis in letters]
@@ -251,6 +252,7 @@ class LineMachine:
         setup["slack"], setup["relative"] = arc.slack, arc.relative
         setup["limit"], setup["reach"] = arc.limit, arc.reach
         setup["arc_absolute"] = modal.arc_absolute
+        setup["timed"] = modal.feed_mode == "inverse-time"
         setup["surface_speed"] = modal.constant_surface
         setup["notes"] = interpreter.unused_words.enabled
         setup["restored"] = motion.assumed.restored
@@ -263,7 +265,7 @@ class LineMachine:
         modal, coordinates = interpreter.modal, interpreter.motion.coordinates
         idle = {
             G.G21 if modal.scale == 1.0 else G.G20,
-            G.G94,
+            G.G93 if modal.feed_mode == "inverse-time" else G.G94,
             G.G90_1 if modal.arc_absolute else G.G91_1,
             G.G40,
         }

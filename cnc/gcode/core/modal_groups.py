@@ -274,8 +274,10 @@ class ModalState:
 
     @property
     def feeds_are_plain(self) -> bool:
-        """Whether F counts units of distance a minute."""
-        return self.feed_mode == "per-minute" and self.feed_scale == self.scale
+        """Whether F counts units of distance a minute, or is one over the minutes of its move."""
+        if self.feed_mode == "per-minute":
+            return self.feed_scale == self.scale
+        return self.feed_mode == "inverse-time"
 
 
 # States of the machine that a block sets and that last, such as the spindle.

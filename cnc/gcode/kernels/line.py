@@ -30,6 +30,7 @@ from cnc.gcode.kernels.rows import (
     read_words,
 )
 from cnc.gcode.kernels.rules import (
+    FEED_OK,
     OK,
     Tolerance,
     Wanted,
@@ -39,7 +40,10 @@ from cnc.gcode.kernels.rules import (
     dwell_of,
     end_of_word,
     feed_of_move,
+    feed_of_time,
+    feed_status,
     keeps_motion,
+    length_of_move,
     rpm_of,
     speed_waits,
     spindle_after,
@@ -153,9 +157,9 @@ def _add_events(words: LineWords, line: int, seconds: float, now: Record, rows: 
 
 
 @njit
-def _commit(words: LineWords, line: int, now: Record, is_feed: bool) -> None:
-    """Put the modal state of a line into effect."""
-    if words.feed == words.feed and now["feed_word"] != now["feed_word"]:
+def _commit(words: LineWords, line: int, timed: bool, now: Record, is_feed: bool) -> None:
+    """Put the modal state of a line into effect. ``timed``: its F is that of its move alone."""
+    if words.feed == words.feed and not timed and now["feed_word"] != now["feed_word"]:
         now["feed_word"], now["feed_line"] = words.feed, line
     if is_feed:
         now["feed_word"] = math.nan
@@ -237,12 +241,17 @@ def _execute_any(
                 return False
             rows.kinds[row] = ARC
         rate = feed_of_move(words.linear, words.rotary, shifts, turns)
+        if setup["timed"] and words.mode != 0:
+            length = length_of_move(position, end, setup["groups"])
+            rate = feed_of_time(words.feed, length)
+            if feed_status(words.feed, rate if length > 0.0 else math.inf) != FEED_OK:
+                return False
         rows.feeds[row] = math.nan if words.mode == 0 else rate
         rows.lines[row] = line
         for i in range(len(position)):
             position[i] = end[i]
         row += 1
-    _commit(words, line, now, is_move and words.mode != 0)
+    _commit(words, line, setup["timed"], now, is_move and words.mode != 0)
     now["rows"] = row
     return True
 

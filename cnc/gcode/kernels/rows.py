@@ -89,6 +89,7 @@ SETUP = np.dtype(
         ("scale", np.float64, (MOST_AXES,)),
         ("zero", np.float64, (MOST_AXES,)),
         ("turns", np.float64, (MOST_AXES,)),
+        ("groups", np.int64, (MOST_AXES,)),
         ("planes", np.int64, (3, 3)),
         ("unit", np.float64),
         ("slack", np.float64),
@@ -103,6 +104,7 @@ SETUP = np.dtype(
         ("arc_absolute", np.bool_),
         ("idle_center", np.bool_),
         ("grbl_arcs", np.bool_),
+        ("timed", np.bool_),
         ("surface_speed", np.bool_),
         ("notes", np.bool_),
         ("dwell_needed", np.bool_),
@@ -120,7 +122,8 @@ SETUP = np.dtype(
 """What stays the same for all lines. One record takes less time to pass on than many arrays.
 
 By letter: the column of its axis, TAKEN_WORD or OTHER_WORD. By axis: mm or degrees a program unit,
-the machine position of the program's zero, and 1 for a rotary axis. By plane: columns of its two
+the machine position of the program's zero, 1 for a rotary axis, and the group of
+:func:`cnc.gcode.kernels.rules.length_of_move`. By plane: columns of its two
 axes and of the axis across it, -1 for one that is missing.
 
 mm a program unit; the tolerances of arcs (mm, see :class:`cnc.gcode.kernels.rules.Tolerance`); s of
@@ -129,9 +132,9 @@ retraction of G73 and distance of G83 from the bottom (mm); the largest N number
 to G3 to which G80 returns, -1 for none.
 
 Whether G90.1 is in effect; an arc may have a centre word of 0 for the axis across its plane; arcs
-follow GRBL's rules; G96 is in effect; F and S words without effect are reported; a cycle with a
-dwell needs P; the words of a cycle stay in effect for another one; K is the number of repeats of a
-cycle, as L is; G89 retracts at feed to R only; G64 is in effect.
+follow GRBL's rules; G93 is in effect; G96 is in effect; F and S words without effect are reported;
+a cycle with a dwell needs P; the words of a cycle stay in effect for another one; K is the number
+of repeats of a cycle, as L is; G89 retracts at feed to R only; G64 is in effect.
 
 By tenths of a G-code, and by M-code: its action and its modal group (0 to 62).
 """
@@ -253,8 +256,9 @@ def read_words(
                 initial = 0
         elif char == _F:
             feed = value
-            linear, rotary = feeds_of_word(value, setup["unit"], False)
-            known = known and feed_status(value, rotary) == FEED_OK
+            if not setup["timed"]:
+                linear, rotary = feeds_of_word(value, setup["unit"], False)
+                known = known and feed_status(value, rotary) == FEED_OK
         elif char == _S:
             speed = value
             known = known and not value < 0.0
@@ -306,6 +310,11 @@ def _fits_speed(words: LineWords, setup: Setup, now: Record) -> bool:
 def fits(words: LineWords, setup: Setup, now: Record) -> bool:
     """Return whether the words of a line fit together, so that none is left over."""
     mode = words.mode
+    if setup["timed"]:
+        # F belongs to the move of its line. The interpreter knows the lengths of arcs.
+        feeds = (words.moving or words.curved) and mode != 0
+        if feeds != (words.feed == words.feed) or (feeds and mode != 1):
+            return False
     if mode > LAST_MOTION and words.moving and not words.pausing:
         return _fits_speed(words, setup, now)
     # Q and L are words of cycles.
@@ -326,7 +335,7 @@ def fits(words: LineWords, setup: Setup, now: Record) -> bool:
         is_arc = mode == 2 or mode == 3
         if mode < 0 or mode > LAST_MOTION or (words.curved and not is_arc):
             return False
-        if mode != 0 and words.linear != words.linear:
+        if mode != 0 and words.linear != words.linear and not setup["timed"]:
             return False
         if is_arc and not words.curved:
             return False

@@ -10,8 +10,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cnc.compiled.jit import njit
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 MAX_NUMBER = 1e9
 """Largest magnitude of a word's number: a thousand kilometres. A larger one is a mistake."""
@@ -98,6 +102,40 @@ def feed_of_move(linear: float, rotary: float, shifts: bool, turns: bool) -> flo
         turns: Whether a rotary axis moves.
     """
     return rotary if turns and not shifts else linear
+
+
+@njit
+def length_of_move(
+    start: Floats | list[float], end: Floats | list[float], groups: Ints | list[int]
+) -> float:
+    """Return the length of a straight move for its feed, mm or degrees.
+
+    It counts x y z if one of them moves, else u v w, else a b c.
+
+    Args:
+        start: (n,) the position.
+        end: (n,) the end.
+        groups: (n,) the group of each axis, 0 to 2 in this order.
+    """
+    for group in range(3):
+        square = 0.0
+        for i in range(len(start)):
+            if groups[i] == group:
+                square += (end[i] - start[i]) * (end[i] - start[i])
+        if square > 0.0:
+            return math.sqrt(square)
+    return 0.0
+
+
+@njit
+def feed_of_time(number: float, length: float) -> float:
+    """Return the feed, mm/s or degrees/s, of a move under G93.
+
+    Args:
+        number: The F word, one over the minutes of the move.
+        length: Length of the move. For 0 it is that of a move of 1: such a move takes no time.
+    """
+    return number * (length if length > 0.0 else 1.0) / 60.0
 
 
 @njit

@@ -56,6 +56,8 @@ shortest interval that the planner examines, and positions are not exact enough 
 """
 INSIDE = (0.25, 0.5, 0.75)
 """Parts of a chord's parameters at which its distance from the curve is measured."""
+MOST_PARTS = 64
+"""Most parts into which a chord is divided at once."""
 NUMBERS_PER_AXIS = 2 + MAX_DEGREE + 1 + 1 + MAX_TURNING_POINTS
 RECORD_NUMBERS = START + SPAN_BODY + MAX_DEGREE + 1 + 3 + ROW * (MAX_ROWS + 1)
 """The longest span record of n axes has RECORD_NUMBERS + n NUMBERS_PER_AXIS numbers."""
@@ -369,40 +371,86 @@ def _write_point(
 
 
 @njit
-def nurbs_sagittas(
-    degree: int, knots: Floats, weighted: Floats, u: Floats
-) -> tuple[Floats, Floats, Floats]:
-    """Return ends, lengths and sagittas of chords of a NURBS.
+def _sagitta(
+    degree: int, knots: Floats, weighted: Floats, u: float, v: float, scratch: Floats, end: Floats
+) -> tuple[float, float]:
+    """Measure the chord of a NURBS from ``u`` to ``v``, which lies in one span.
 
     Args:
         degree: its degree.
         knots: its knots.
         weighted: (k, n + 1): control points times weight, and weight.
-        u: (m + 1,): parameters of the ends of the chords; each chord lies in one span.
+        u: parameter at the start of the chord.
+        v: at its end.
+        scratch: (degree + 3, n + 1).
+        end: (n,): receives its end.
 
     Returns:
-        (m, n), (m,), (m,): the ends, the lengths and the largest distances at INSIDE.
+        Its length, and the largest distance at INSIDE, mm.
     """
-    m, n = len(u) - 1, weighted.shape[1] - 1
-    ends, size, off = np.empty((m, n)), np.empty(m), np.zeros(m)
-    d = np.empty((degree + 1, n + 1))
-    start, chord, here = np.empty(n), np.empty(n), np.empty(n)
-    for k in range(m):
-        span = int(np.searchsorted(knots, 0.5 * (u[k + 1] + u[k]), side="right")) - 1
-        _write_point(degree, knots, weighted, span, u[k], d, start)
-        _write_point(degree, knots, weighted, span, u[k + 1], d, ends[k])
-        square = 0.0
+    n = len(end)
+    d, start, here = scratch[: degree + 1], scratch[degree + 1, :n], scratch[degree + 2, :n]
+    span = int(np.searchsorted(knots, 0.5 * (v + u), side="right")) - 1
+    _write_point(degree, knots, weighted, span, u, d, start)
+    _write_point(degree, knots, weighted, span, v, d, end)
+    square = off = 0.0
+    for q in range(n):
+        square += (end[q] - start[q]) * (end[q] - start[q])
+    for part in INSIDE:
+        _write_point(degree, knots, weighted, span, u + part * (v - u), d, here)
+        along = away = 0.0
         for q in range(n):
-            chord[q] = ends[k, q] - start[q]
-            square += chord[q] * chord[q]
-        size[k] = math.sqrt(square)
-        for part in INSIDE:
-            _write_point(degree, knots, weighted, span, u[k] + part * (u[k + 1] - u[k]), d, here)
-            along = away = 0.0
-            for q in range(n):
-                along += (here[q] - start[q]) * chord[q]
-            at = min(max(along / max(square, 1e-300), 0.0), 1.0)
-            for q in range(n):
-                away += (here[q] - start[q] - at * chord[q]) ** 2
-            off[k] = max(off[k], math.sqrt(away))
-    return ends, size, off
+            along += (here[q] - start[q]) * (end[q] - start[q])
+        at = min(max(along / max(square, 1e-300), 0.0), 1.0)
+        for q in range(n):
+            away += (here[q] - start[q] - at * (end[q] - start[q])) ** 2
+        off = max(off, math.sqrt(away))
+    return math.sqrt(square), off
+
+
+@njit
+def nurbs_chord_ends(
+    degree: int, knots: Floats, weighted: Floats, u: Floats, sagitta: float, steepest: float
+) -> Floats:
+    """Return the ends (m, n) of chords of a NURBS, without the start.
+
+    Args:
+        degree: its degree.
+        knots: its knots.
+        weighted: (k, n + 1): control points times weight, and weight.
+        u: ends of spans of it, which ascend.
+        sagitta: largest distance of a chord from the curve, mm.
+        steepest: largest angle of a chord. A chord that is within a tenth of ``sagitta`` may have
+            any.
+    """
+    n = weighted.shape[1] - 1
+    ends = np.empty((4 * degree * len(u) + 64, n))
+    scratch = np.empty((degree + 3, n + 1))
+    # Ends of the intervals that are not done, the nearest one last.
+    later = np.empty(MOST_PARTS + degree + 1)
+    count = 0
+    for k in range(len(u) - 1):
+        before = u[k]
+        waiting = degree + 1
+        for part in range(waiting):
+            later[part] = u[k] + (waiting - part) / waiting * (u[k + 1] - u[k])
+        later[0] = u[k + 1]
+        while waiting > 0:
+            after = later[waiting - 1]
+            if count == len(ends):
+                ends = np.concatenate((ends, np.empty_like(ends)))
+            size, off = _sagitta(degree, knots, weighted, before, after, scratch, ends[count])
+            # A chord over an angle h has a sagitta of h / 8 of its length.
+            allowed = min(sagitta, max(steepest / 8.0 * size, 0.1 * sagitta))
+            if off <= allowed:
+                count += 1
+                before = after
+                waiting -= 1
+                continue
+            parts = min(max(math.ceil(math.sqrt(1.1 * off / allowed)), 2), MOST_PARTS)
+            if waiting + parts > len(later):
+                later = np.concatenate((later, np.empty_like(later)))
+            for part in range(1, parts):
+                later[waiting + part - 1] = before + (parts - part) / parts * (after - before)
+            waiting += parts - 1
+    return ends[:count]

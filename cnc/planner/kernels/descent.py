@@ -517,7 +517,7 @@ def centre(
 ) -> float:
     """Move speed and acceleration at the cuts inside [first, last] to the minimum for one weight.
 
-    Where the limits of all cells were raised, this ends once they are no longer.
+    Where limits were raised, this ends once they are no longer.
 
     Args:
         first: the first cell of the range.
@@ -574,12 +574,13 @@ def centre(
         for k in range(first + 1, last):
             v[k] = v2[k]
             a[k] = a2[k]
-        if lifted and even:
-            lifted = lower_even_lifts(first, last, part, system)
+        if lifted:
+            if even:
+                lifted = lower_even_lifts(first, last, part, system)
+            else:
+                lifted = lower_lifts(first, last, part, system)
             if not lifted:
                 break
-        elif lifted:
-            lifted = lower_lifts(first, last, part, system)
         elif -slope < CENTRED * (last - first) and part == 1.0:
             break
     return worst if not lifted else max(worst, 1.0 + TOUCH)

@@ -62,10 +62,12 @@ OVERLAP = 100
 """Cells at the end of a window that are solved again with the next window."""
 
 SEAM = 4
+UNSEAMED = 25
 SEAM_SHARE = 0.995
-"""The cells behind the seam of two windows, and so many before it, use this share of their limits.
-The next window begins with the motion behind the seam: so the first step of its descent starts
-strictly inside the limits.
+"""The cells behind the seam of two windows, and SEAM before it, use this share of their limits. The
+next window begins with the motion behind the seam: so the first step of its descent starts strictly
+inside the limits. The last UNSEAMED cells may use all: they lead to the state of the plan at the
+end, which may be at a limit, and a motion that keeps away from the limit does not reach it.
 """
 
 MARGIN = TOUCH
@@ -281,7 +283,7 @@ def refine_stretch(
         if until < n:
             seam = max(size - OVERLAP, size // 2)
             seam_s = window.s[seam]
-            for m in range(max(seam - SEAM, 0), size):
+            for m in range(max(seam - SEAM, 0), max(size - UNSEAMED, seam)):
                 window.share[m] = window.pace[m] = SEAM_SHARE
             describe(window, intervals)
         solved, cells = fastest(window, intervals, limits)

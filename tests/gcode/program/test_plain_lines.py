@@ -256,10 +256,44 @@ def test_polylines_between_other_blocks_are_cut_at_the_same_moves(between: int) 
     assert found.runs > 2 * between
 
 
-@pytest.mark.parametrize("mode", ["G93", "G95", "G10 L2 P1 R10", "G86 X1 Z1 R2 P1"])
+@pytest.mark.parametrize("mode", ["G95", "G10 L2 P1 R10", "G86 X1 Z1 R2 P1"])
 def test_unsupported_modes_are_left_to_the_interpreter(mode: str) -> None:
     found = both(["F100 S100 M3", "G1 Z9", mode, *["X1 F5"] * 20])
     assert found.runs == 2
+
+
+def test_moves_under_inverse_time_take_a_minute_over_f() -> None:
+    """Lengths of x y z, else of u v w, else of a b c; a traverse needs no F."""
+    lines = ["G93", "G1 X3 Y4 F2", "U4 F30", "A90 F6", "X3 A180 F6"]
+    lines += ["X0 A0 F60", "G0 X9", "G1 X9 F7"]
+    found = both(["G0 X0 Y0 A0 U1", *lines], ("x", "y", "a", "u"))
+    (_, block) = found.blocks
+    assert isinstance(block, Polyline)
+    rates = [5 * 2 / 60, 3 * 30 / 60, 90 * 6 / 60, 90 * 6 / 60, 3 * 60 / 60, np.nan, 7 / 60]
+    np.testing.assert_allclose(block.feeds, rates, rtol=1e-15)
+    assert block.timed
+    assert found.runs == len(lines)
+
+
+@pytest.mark.parametrize(
+    ("lines", "error"),
+    [
+        (["G1 X1"], "feed-missing"),
+        (["F1"], ""),
+        (["G0 X1 F1"], ""),
+        (["G1 F1"], ""),
+        (["G1 X1 F-1"], "feed-not-positive"),
+        (["G1 X1 F0.00001"], "feed-too-slow"),
+        (["G81 X1 Z-1 R1 F1"], "inverse-time-active"),
+        (["G2 X1 R9 F1"], ""),
+    ],
+)
+def test_other_lines_under_inverse_time_are_left_to_the_interpreter(
+    lines: list[str], error: str
+) -> None:
+    found = both(["G0 X0 Y0 Z9", "G93", *lines])
+    assert found.runs == 1
+    assert error in found.error if error else not found.error
 
 
 @pytest.mark.parametrize(
