@@ -35,6 +35,8 @@ _FAMILIES = {
 }  # fmt: skip
 _FLOW = {"fanuc": "macro-b", "haas": "macro-b", "linuxcnc": "ngc", "auto": "ngc"}
 """Language of loops, branches and calls by dialect; that of others is their own."""
+_SPLINES = {"linuxcnc": "G5.2", "fanuc": "G6.2", "siemens": "BSPLINE"}
+"""Code of a B-spline. A Haas control reads FANUC's codes, but has no NURBS."""
 _FLOW_G, _FLOW_M = frozenset((G.G65, G.G66, G.G67)), frozenset((97, 98, 99))
 _WITHOUT_TABLES = ("siemens", "fagor", "marlin")
 """Dialects whose G43 and G41 take no number of an offset, and whose cycles are others."""
@@ -157,11 +159,7 @@ class Target:
     @property
     def spline(self) -> str:
         """The code of a B-spline; empty where the control has none."""
-        if G.G5_2 in self.rules.g:
-            return "G5.2"
-        if self.rules.lines.bspline:
-            return "BSPLINE"
-        return "G6.2" if G.G6_2 in self.rules.g and "fanuc" in self.rules.nurbs else ""
+        return _SPLINES.get(self.rules.name, "")
 
     def path_code(self, control: PathControl) -> str:
         """Return the code of a path mode; empty where the control has none."""
