@@ -15,7 +15,8 @@ const MOST_REPORTS = 20000;
 const LEFT = 46, BOTTOM = 16, TOP = 6;
 
 let whole = false;  // whether the picture is that of the plan
-let unseen = true;  // whether the view is still to be fitted: a hidden canvas has no size
+let view = "3d";     // the view that is fitted to the canvas; null after a turn or a move by hand
+let size = "";       // of the canvas for which it was fitted: a hidden one has none
 let model = null, scene = null, part = null, job = null, state = null, due = false, reports = [];
 
 const shade = name => getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();
@@ -23,9 +24,9 @@ const triple = colour => [1, 3, 5].map(k => parseInt(colour.slice(k, k + 2), 16)
 
 export function begin() {
   for (const name of Object.keys(VIEWS)) {
-    const made = Object.assign(document.createElement("button"), {type: "button", textContent: name});
+    const made = Object.assign(document.createElement("button"), {type: "button", textContent: name === "3d" ? "3D" : name});
     made.addEventListener("click", () => {
-      scene?.look(name);
+      fit(name);
       redraw();
     });
     element("views").append(made);
@@ -57,6 +58,17 @@ export function clear() {
 /** Return whether the path of the check is shown. */
 export const isWhole = () => whole;
 
+/** Return the machine positions of the sides of the cuts of the whole path, [[low, high] of X, of Y], or null. */
+export function cutBox() {
+  if (model === null || !whole) return null;
+  const {n, place, rapid, origin} = model.strokes, box = [[Infinity, -Infinity], [Infinity, -Infinity]];
+  for (let i = 1; i < n; i++) if (!rapid[i - 1]) for (const k of [0, 1]) for (const at of [i - 1, i]) {
+    const value = place[3 * at + k] + origin[k];
+    box[k] = [Math.min(box[k][0], value), Math.max(box[k][1], value)];
+  }
+  return box[0][0] > box[0][1] ? null : box;
+}
+
 /** A run begins: the reported speeds of the last one go. */
 export function restart() {
   reports = [];
@@ -77,8 +89,14 @@ export async function show(found, name, {isWhole = true, seconds = null} = {}) {
   if (!scene.gl) element("picture-note").textContent = "The path needs WebGL 2, which this browser does not have.";
   else element("picture-note").textContent = about.facts + (isOther(seconds, about.duration)
     ? `. This is the plan of cncrun; the board plans by itself and takes ${seconds.toFixed(1)} s.` : "");
-  unseen = true;
+  fit(view ?? "3d");
   redraw();
+}
+
+/** Fit a view to the canvas at the next drawing, and again when its size changes. */
+function fit(name) {
+  view = name;
+  size = "";
 }
 
 /** Return whether the time of the board differs from that of the plan in the picture. */
@@ -91,7 +109,7 @@ export async function showPart(found, name) {
   scene.shown = [...edges(model.about.travel, model.strokes.origin, "travel"), ...edges(found.box, model.strokes.origin, "stock")];
   scene.prepare();
   part = new Part(scene.gl, surface);
-  unseen = true;
+  fit(view ?? "3d");
   redraw();
 }
 
@@ -130,9 +148,10 @@ const runs = () => state !== null && state.program === job && job !== null && ["
 const visible = () => JSON.stringify([state?.machine, runs() && state.run_time]);
 
 function draw() {
-  if (!scene?.gl || !element("space").clientWidth) return;
-  if (unseen) scene.look("3d");
-  unseen = false;
+  const {clientWidth, clientHeight} = element("space"), now = `${clientWidth} ${clientHeight}`;
+  if (!scene?.gl || !clientWidth) return;
+  if (view !== null && size !== now) scene.look(view);
+  size = now;
   const {origin} = model.strokes, dark = document.documentElement.dataset.theme === "dark";
   const at = state?.machine ?? {}, place = ["x", "y", "z"].map((letter, k) => (at[letter] ?? NaN) - origin[k]);
   scene.choose(place.some(Number.isNaN) ? null : tool(place));
@@ -243,12 +262,14 @@ function pointer(canvas) {
     } else if (event.shiftKey || event.buttons & 6) scene.move(dx, dy);
     else scene.rotate(dx, dy);
     down.set(event.pointerId, here);
+    view = null;
     redraw();
   });
   for (const kind of ["pointerup", "pointercancel"]) canvas.addEventListener(kind, event => down.delete(event.pointerId));
   canvas.addEventListener("wheel", event => {
     event.preventDefault();
     scene?.zoom(Math.exp(-event.deltaY * 0.0015), event.offsetX, event.offsetY);
+    view = null;
     redraw();
   }, {passive: false});
   canvas.addEventListener("keydown", event => {
@@ -256,6 +277,7 @@ function pointer(canvas) {
     if (turn) scene?.rotate(...turn);
     else if (event.key === "+" || event.key === "-") scene?.zoom(event.key === "+" ? 1.25 : 0.8, canvas.clientWidth / 2, canvas.clientHeight / 2);
     else return;
+    view = null;
     event.preventDefault();
     redraw();
   });

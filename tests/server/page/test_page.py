@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.server.console_page import connect, enter, expect, take
+from tests.support.server.console_page import connect, enter, expect, open_part, take
 from tests.support.server.quick_mill import PLATE, PLATE_THICKNESS
 from tests.support.soak import share, soaking
 
@@ -91,19 +91,19 @@ def test_from_a_blank_board_to_the_first_part(page, port):
     page.click("#zero-all")
     expect(page.locator("#work-x")).to_have_text("0.000")
     # Z by touch-off with a plate: the tool rests 2 mm above it.
-    page.get_by_text("Probing", exact=True).click()
+    open_part(page, "probe")
     cycle = page.locator("#cycles form").filter(has=page.get_by_text("Run probe_z"))
     for name, value in (("thickness", PLATE_THICKNESS), ("distance", 8), ("feed", 1200)):
         cycle.locator(f'[name="{name}"]').fill(str(value))
     cycle.get_by_role("button").click()
     expect(page.locator("#work-z")).to_have_text(f"{PLATE_THICKNESS + 2.0:.3f}")
-    page.get_by_text("Probing", exact=True).click()
     expect(page.locator("#state")).to_have_text("idle")
     assert page.inner_text("#machine-z") == f"\u2212{-(PLATE + 2.0):.3f}"
     enter(page, "G0 Z12.5")
     expect(page.locator("#work-z")).to_have_text("12.500")
     picture(page, "console-connected")
     # A program with a fault is refused at its line.
+    open_part(page, "program")
     upload(page, "wrong.nc", WRONG)
     expect(page.locator("#outcome")).to_contain_text("refused")
     expect(page.locator("#findings")).to_contain_text("line 3: error number-missing")
@@ -140,6 +140,7 @@ def test_from_a_blank_board_to_the_first_part(page, port):
     line = page.input_value("#from-line")
     assert int(line) == 7
     # The quick lines of the rest: the steps to them are confirmed.
+    open_part(page, "program")
     page.fill("#from-line", "8")
     page.check("#trust")
     page.click("#run")
@@ -149,7 +150,7 @@ def test_from_a_blank_board_to_the_first_part(page, port):
     page.click("#yes")
     expect(page.locator("#outcome")).to_contain_text("plate.nc: done")
     expect(page.locator("#from-line")).to_have_value("")
-    page.click("#history-part summary")
+    open_part(page, "history")
     rows = page.locator("#history tbody tr")
     expect(rows).to_have_count(2)
     expect(rows.nth(0)).to_contain_text("done")
@@ -172,6 +173,7 @@ def test_a_watcher_sees_the_machine_and_may_stop_it_only(page, browser, address,
     phone.locator("#home").dispatch_event("click")
     expect(phone.locator("#message")).to_contain_text("press Take control first")
     expect(phone.locator("#holder")).to_contain_text("you watch")
+    open_part(page, "program")
     page.check("#trust")
     page.click("#run")
     expect(phone.locator("#state")).to_have_text("running")
@@ -210,8 +212,8 @@ def test_a_jog_ends_with_its_client(page, browser, address, port):
 @pytest.mark.parametrize(
     ("width", "theme", "parts"),
     [
-        (1400, "light", [None]),
-        *share([(390, "dark", ["operate", "job", "picture", "more"])], []),
+        (1400, "light", ["run", "setup", "program", "probe", "tools", "history", "settings"]),
+        *share([(390, "dark", ["run", "setup", "program", "probe", "tools", "history", "settings"])], []),
     ],
 )
 def test_the_page_is_accessible(browser, address, width, theme, parts):
