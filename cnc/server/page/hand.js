@@ -13,6 +13,7 @@ const BELOW_TOP = 3;      // mm below the top of the travel: clear of the switch
 const SAME = 0.0015;      // mm; a board reports its offsets to a thousandth
 
 let changes = [], last = null, places = [];
+let undoing = false;      // the next change of an offset is that of an undo
 
 export function begin() {
   element("zero-all").addEventListener("click", () => setZero(Object.fromEntries(["x", "y"].filter(each => each in machine.axes).map(each => [each, 0]))));
@@ -35,12 +36,13 @@ export const setZero = axes => attempt(() => post("zero", {axes, system: state.s
 export const halve = letter => attempt(() => post("zero", {axes: {[letter]: 0}, system: state.system, half: true}));
 
 function noteChange(now) {
-  for (const [system, place] of Object.entries(last ?? {})) {
+  for (const [system, place] of Object.entries(undoing ? {} : last ?? {})) {
     const letters = Object.keys(place).filter(letter => Math.abs((now[system]?.[letter] ?? place[letter]) - place[letter]) > SAME);
     if (letters.length && system !== "G92") changes.push({system, letters, before: place, after: now[system]});
   }
   changes = changes.slice(-MOST_UNDO);
   last = now;
+  undoing = false;
   showUndo();
 }
 
@@ -61,8 +63,14 @@ async function undoZero() {
   }
   // The work position shown is that of the system in use; the offset that was there gives the one to set.
   const axes = Object.fromEntries(letters.map(letter => [letter, here.work[letter] + now[here.system][letter] - before[letter]]));
-  await post("zero", {axes, system});
-  changes = changes.slice(0, -2);  // The undo is a change as well.
+  undoing = true;
+  try {
+    await post("zero", {axes, system});
+  } catch (error) {
+    undoing = false;
+    throw error;
+  }
+  changes.pop();
   showUndo();
   say(`${system} ${letters.join(", ").toUpperCase()} is back at its offset of before`, {isNote: true});
 }

@@ -4,11 +4,8 @@ import os
 import re
 from pathlib import Path
 
-import pytest
-
 from tests.support.server.console_page import connect, enter, expect, open_part, take
 from tests.support.server.quick_mill import PLATE, PLATE_THICKNESS
-from tests.support.soak import share, soaking
 
 PROGRAM = """\
 G21 G90 G94 G17
@@ -26,17 +23,6 @@ M30
 """
 ZERO = "G10 L2 P1 X-150 Y-150 Z-32"
 WRONG = "G21 G90\nG0 X1\nG1 X\n"
-ALL_RULES = {"resultTypes": ["violations"]}
-COLOUR_RULES = ALL_RULES | {"runOnly": ["color-contrast", "link-in-text-block"]}
-"""A change of the theme changes colours only; these rules of all are about colours."""
-AXE_OF_DIALOG = """async ([id, options]) => {
-  const place = document.getElementById(id);
-  if (id !== "key-map") document.getElementById(`${id}-text`).textContent = "what the dialog asks";
-  place.showModal();
-  const {violations} = await axe.run(`#${id}`, options);
-  place.close();
-  return violations.map(({id, impact, nodes}) => [id, impact, nodes[0].failureSummary]);
-}"""
 
 
 def picture(page, name):
@@ -207,36 +193,3 @@ def test_a_jog_ends_with_its_client(page, browser, address, port):
     expect(page.locator("#state")).to_have_text("jogging")
     context.close()
     expect(page.locator("#state")).to_have_text("idle")
-
-
-@pytest.mark.parametrize(
-    ("width", "theme", "parts"),
-    [
-        (1400, "light", ["run", "setup", "program", "probe", "tools", "history", "settings"]),
-        *share([(390, "dark", ["run", "setup", "program", "probe", "tools", "history", "settings"])], []),
-    ],
-)
-def test_the_page_is_accessible(browser, address, width, theme, parts):
-    axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
-    context = browser.new_context(
-        viewport={"width": width, "height": 900}, color_scheme=theme, bypass_csp=True
-    )
-    opened = context.new_page()
-    opened.goto(address)
-    expect(opened.locator("#state")).not_to_have_text("connecting")
-    expect(opened.locator("html")).to_have_attribute("data-theme", theme)
-    opened.evaluate(axe.axe_script)
-    # The colours of the other theme are those of the page at a desk.
-    for rules in (ALL_RULES, *share([COLOUR_RULES], [COLOUR_RULES] * (parts == [None]))):
-        for part in parts:
-            if part is not None:
-                opened.click(f'nav button[data-part="{part}"]')
-            found = opened.evaluate("options => axe.run(options)", rules)["violations"]
-            grave = [each for each in found if each["impact"] in ("serious", "critical")]
-            assert [(each["id"], each["nodes"][0]["failureSummary"]) for each in grave] == []
-        # On the phone the dialogs are the same but for their width.
-        for dialog in ("question", "entry", "key-map") if parts == [None] or soaking() else ():
-            found = opened.evaluate(AXE_OF_DIALOG, [dialog, rules])
-            assert [each for each in found if each[1] in ("serious", "critical")] == []
-        opened.click("#theme")
-    context.close()
