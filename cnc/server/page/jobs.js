@@ -54,7 +54,15 @@ export async function begin() {
       ? `checking, line ${event.line}` : `running, line ${event.line}${event.lines ? ` of ${event.lines}` : ""}`;
   });
   on("job-ended", ended);
+  let running = "";
   on("state", event => {
+    // Who watches sees the program that runs.
+    const isNew = event.activity === "program" && event.program !== running;
+    running = event.activity === "program" ? event.program : "";
+    if (isNew && running !== job && !uploading && [...element("jobs").options].some(({value}) => value === running)) {
+      element("jobs").value = running;
+      open(running);
+    }
     const line = event.program === job ? event.line : 0;
     if (line === now) return;
     now = line;
@@ -111,6 +119,7 @@ async function open(name) {
   // A line of another job must not be where this one begins.
   element("from-line").value = "";
   isChecked = false;
+  delete element("outcome").dataset.refused;
   showRun();
   picture.clear();
   if (job !== null) await attempt(async () => {
@@ -162,7 +171,9 @@ async function showCheck(given) {
   const errors = summary.errors.filter(({severity}) => severity === "error").length, others = summary.errors.length - errors;
   element("outcome").textContent = summary.ok
     ? `checked: ${time(summary.duration_s)}, ${summary.path_length_mm.toFixed(1)} mm, ${others} warnings and notes`
-    : `refused: ${errors} errors`;
+    : `refused: ${errors} error${errors === 1 ? "" : "s"}`;
+  element("outcome").dataset.refused = String(!summary.ok);
+  needs();
   showFindings(summary.errors);
   showLimits(summary);
   isChecked = summary.ok;
@@ -255,7 +266,7 @@ function ended({program, outcome, seconds, stopped_at_line: stopped, resume_line
   if (program === job) element("from-line").value = resume ?? "";
   showRun();
   if (program === job) element("outcome").textContent = text;
-  say([text, ...errors.map(({message, hint}) => [message, hint].filter(Boolean).join("; "))].join("\n"), {isNote: outcome === "done"});
+  say([text, ...errors.map(({message, hint}) => [message, hint].filter(Boolean).join("; "))].join("\n"), {isNote: outcome === "done", isBrief: outcome === "done" && program === "MDI"});
 }
 
 /** Return px of the whole text for each px of the scroll bar: more than 1 for a text that is taller than an element can be. */

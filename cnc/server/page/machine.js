@@ -8,17 +8,20 @@ import {explain, showNeeds} from "./needs.js";
 import {showPart} from "./parts.js";
 
 const element = id => document.getElementById(id);
+const BRIEF = 6000;  // ms
 
 export let machine = {axes: {}};
 export let state = {state: "disconnected", machine: {}, work: {}};
 export let offsets = {};
-let isOpen = false, place = null, hasMet = false;
+let isOpen = false, place = null, hasMet = false, brief = 0;
 
 /** Return a number with three decimals and a true minus sign. */
 export const shown = value => value === undefined || value === null ? "–" : value.toFixed(3).replace("-", "\u2212");
 
-/** Show a message to the operator. */
-export function say(text, {isNote = false} = {}) {
+/** Show a message to the operator; a brief one goes by itself. */
+export function say(text, {isNote = false, isBrief = false} = {}) {
+  clearTimeout(brief);
+  if (isBrief) brief = setTimeout(() => { element("message").hidden = true; }, BRIEF);
   const place = element("message");
   place.hidden = !text;
   place.className = isNote ? "note" : "";
@@ -30,7 +33,8 @@ export function say(text, {isNote = false} = {}) {
 export function needs() {
   showNeeds({isOpen, mine: inControl(), state});
   const why = element("run").dataset.why, name = element("jobs").value;
-  write(element("guide"), state.program ? `${state.line ? `line ${state.line}: ` : ""}${state.text}` : why || `ready: Run begins ${visible(name)}`);
+  write(element("guide"), state.program ? `${state.line ? `line ${state.line}: ` : ""}${state.text}` : why || (
+    element("outcome").dataset.refused === "true" ? `the check has refused ${visible(name)}: Program shows why` : `ready: Run begins ${visible(name)}`));
 }
 
 /** Return a text of the server in the words of the page instead of the command line's. */
@@ -212,6 +216,8 @@ function showState(event) {
   const badge = element("state"), text = event.held ? `${event.state}: ${event.held}` : event.state;
   write(badge, text);
   badge.dataset.state = event.state;
+  // Where the parts stand in a column, the connection comes first until the machine can be used.
+  document.querySelector("main").dataset.ready = String(!["disconnected", "alarm"].includes(event.state) && Object.values(event.homed).every(Boolean));
   for (const kind of ["work", "machine"]) for (const letter of Object.keys(machine.axes)) {
     write(element(`${kind}-${letter}`), shown(event[kind][letter]));
   }

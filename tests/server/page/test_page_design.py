@@ -272,9 +272,9 @@ def test_the_outline_is_traced_around_the_cuts_and_stop_ends_all_of_it(desk, bro
 
 def test_spindle_and_coolant_by_hand(desk):
     open_part(desk, "setup")
-    desk.fill("#hand-speed", "8000")
+    desk.fill("#hand-speed", "750")
     desk.get_by_role("button", name="Clockwise M3").click()
-    expect(desk.locator("#spindle")).to_have_text("8000 rev/min")
+    expect(desk.locator("#spindle")).to_have_text("750 rev/min")
     desk.get_by_role("button", name="Off M5", exact=True).click()
     expect(desk.locator("#spindle")).to_have_text("0 rev/min")
     desk.fill("#hand-speed", "")
