@@ -298,7 +298,7 @@ function showText() {
     }
     const finding = found.get(index + 1);
     if (finding) {
-      row.classList.add("faulty");
+      row.classList.add(finding.severity);
       row.title = `${finding.code}: ${finding.message}`;
     }
     rows.push(row);
