@@ -15,6 +15,7 @@ const TALLEST = 8e6; // px; browsers end an element of more than 17 million
 let waiting = null;      // called with the outcome of the check that was asked for
 let uploading = false;  // the list then opens no job of its own, which would empty the fields again
 let isChecked = false;   // whether the last check of the open program found no error
+let chosen = 0;          // the line that is shown in the picture
 let job = null, total = 0, now = 0, windows = new Map(), found = new Map();
 
 export async function begin() {
@@ -34,6 +35,8 @@ export async function begin() {
     if (mine !== null) askYes(`Remove ${visible(mine)} from the library?`, "Remove").then(yes => { if (yes) attempt(() => remove(`jobs/${encodeURIComponent(mine)}`)); });
   });
   element("text").addEventListener("scroll", showText);
+  // A line that is pressed is shown in the picture; a second press ends this.
+  element("lines").addEventListener("click", event => choose(Number(event.target.closest("li")?.dataset.line) || 0));
   new ResizeObserver(showText).observe(element("text"));
   element("from-line").addEventListener("input", showRun);
   on("jobs", () => attempt(list));
@@ -112,7 +115,7 @@ async function open(name) {
   job = name;
   windows = new Map();
   found = new Map();
-  total = now = 0;
+  total = now = chosen = 0;
   element("findings").replaceChildren();
   element("limits").hidden = element("stl").hidden = true;
   element("outcome").textContent = "";
@@ -205,7 +208,11 @@ function showFindings(findings) {
     go.className = finding.severity;
     go.textContent = `${finding.line ? `line ${finding.line}: ` : ""}${finding.severity} ${finding.code}: ${finding.message}`;
     go.title = worded(finding.hint ?? "");
-    go.addEventListener("click", () => { if (finding.line) follow(finding.line); });
+    go.addEventListener("click", () => {
+      if (!finding.line) return;
+      follow(finding.line);
+      if (finding.line !== chosen) choose(finding.line);
+    });
     if (finding.line) found.set(finding.line, finding);
     item.append(go);
     return item;
@@ -275,6 +282,13 @@ function pace() {
   return Math.max((total * ROW - view) / (Math.min(total * ROW, TALLEST) - view), 1) || 1;
 }
 
+/** Show a line of the text in the picture. */
+function choose(number) {
+  chosen = number === chosen ? 0 : number;
+  picture.showLine(chosen);
+  showText();
+}
+
 /** Scroll to a line. */
 function follow(line) {
   const place = element("text"), top = (line - 1) * ROW, above = place.scrollTop * pace();
@@ -296,6 +310,8 @@ function showText() {
       row.className = "now";
       row.setAttribute("aria-current", "step");
     }
+    row.dataset.line = index + 1;
+    if (index + 1 === chosen) row.classList.add("chosen");
     const finding = found.get(index + 1);
     if (finding) {
       row.classList.add(finding.severity);

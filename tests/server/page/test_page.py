@@ -163,6 +163,8 @@ def test_a_watcher_sees_the_machine_and_may_stop_it_only(page, browser, address,
     page.check("#trust")
     page.click("#run")
     expect(phone.locator("#state")).to_have_text("running")
+    # Who watches sees the program that runs.
+    expect(phone.locator("#jobs")).to_have_value("slow.nc")
     picture(phone, "console-phone")
     phone.locator("#stop").tap()
     expect(page.locator("#outcome")).to_contain_text("stopped")

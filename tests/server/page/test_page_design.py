@@ -281,6 +281,19 @@ def test_the_outline_is_traced_around_the_cuts_and_stop_ends_all_of_it(desk, bro
     assert wrong == []
 
 
+def test_a_line_that_is_pressed_is_shown_in_the_picture(desk):
+    open_part(desk, "run")
+    space = desk.locator("#space")
+    desk.locator("#lines li", has_text="G3 X60").click()
+    expect(space).to_have_attribute("data-chosen", re.compile(r"^[1-9]\d*$"))
+    desk.locator("#lines li", has_text="G3 X60").click()
+    expect(space).to_have_attribute("data-chosen", "0")
+    # A comment has no path.
+    desk.locator("#lines li", has_text="ball end mill").click()
+    expect(desk.locator("#lines .chosen")).to_have_count(1)
+    expect(space).to_have_attribute("data-chosen", "0")
+
+
 def test_spindle_and_coolant_by_hand(desk):
     open_part(desk, "setup")
     desk.fill("#hand-speed", "750")
@@ -294,13 +307,20 @@ def test_spindle_and_coolant_by_hand(desk):
 
 
 def test_the_story_on_a_phone(desk, browser, address, port):
-    """Home, jog, zero, load, run, hold, override, resume, stop, and go on from the line."""
+    """Connect, home, jog, zero, load, run, hold, override, resume, stop, and go on from the line."""
     phone, wrong = opened_page(browser, address, "phone", theme="dark", touch=True)
     tap = lambda selector: phone.locator(selector).tap()  # noqa: E731
     tap("#take")
     expect(phone.locator("#holder")).to_have_text("you have control")
     tap('nav button[data-part="setup"]')
+    # Until the machine can be used its connection comes first, then the position and the pad.
+    phone.locator("#connect").tap()
+    expect(phone.locator("#state")).to_have_text("disconnected")
+    for selector in ("#connect", "#home"):
+        box = phone.locator(selector).bounding_box()
+        assert box["y"] + box["height"] < phone.locator("nav").bounding_box()["y"]
     connect(phone, port)
+    expect(phone.locator("#pad")).to_be_in_viewport(ratio=1)
     enter(phone, "G53 G0 X-155 Y-150 Z-20")
     open_part(phone, "setup")
     phone.get_by_label("1 mm", exact=True).check()
@@ -320,7 +340,6 @@ def test_the_story_on_a_phone(desk, browser, address, port):
     # The picture comes by itself.
     expect(phone.locator("#space")).to_be_visible()
     expect(phone.locator("#work-x")).to_have_text(re.compile(r"^(2[1-9]|[3-9]\d)\."))
-    picture(phone, "console-phone")
     tap("#hold")
     expect(phone.locator("#state")).to_contain_text("held")
     tap('[data-override="feed"][data-by="10"]')
