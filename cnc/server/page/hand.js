@@ -78,64 +78,52 @@ async function undoZero() {
 // Moves to places. Each is one activity of the server, so that a stop of any client ends the whole of it.
 
 const named = () => `places-${machine.name}`;
-const top = () => machine.axes.z?.travel?.[1] ?? null;
 
-/** Return the machine position of Z for a way: never below the present one. */
-function wayHeight() {
-  const lift = Number(element("lift").value);
-  return Math.max(state.machine.z, lift);
+/** Return the machine position of Z for a way, never below the present one; null where the operator says no. */
+async function wayHeight() {
+  const lift = element("lift").value;
+  // The height means nothing on a machine that cannot home.
+  if (lift !== "" && Object.keys(state.homed).length) return Math.max(state.machine.z, Number(lift));
+  const isClear = await askYes(`Z stays at ${shown(state.work.z)} (work): is the tool above the part and all clamps?`, "Go");
+  return isClear ? state.machine.z : null;
 }
 
-/** Return whether Z may be moved to its height for a way, or is clear where a machine cannot home. */
-async function isClear() {
-  if (machine.homes && element("lift").value !== "") return true;
-  return askYes(`Z stays at ${shown(state.work.z)} (work): is the tool above the part and all clamps?`, "Go");
+/** Run a move by hand at the height of its way. */
+async function move(cycle, parameters) {
+  const height = await wayHeight();
+  if (height !== null) await post(`probing/${cycle}/run`, {parameters: {...parameters, height}});
 }
 
-const run = (cycle, parameters) => post(`probing/${cycle}/run`, {parameters});
-
-async function goTo(x, y) {
-  if (!await isClear()) return;
-  const height = machine.homes && element("lift").value !== "" ? wayHeight() : state.machine.z;
-  await attempt(() => run("go_to", {x, y, height}));
-}
+const goTo = (x, y) => attempt(() => move("go_to", {x, y}));
 
 function movesToPlaces() {
   const usable = ["x", "y", "z"].every(letter => letter in machine.axes) && machine.kind !== "lathe";
-  element("zero-card").classList.toggle("no-places", !usable);
-  for (const id of ["go-zero", "raise", "place-form", "outline", "lift-field"]) element(id).hidden = !usable;
+  for (const id of ["go-zero", "raise", "lift-note", "place-form", "outline", "outline-note", "lift-field"]) element(id).hidden = !usable;
   if (!usable) return;
-  const usual = top() === null ? "" : top() - BELOW_TOP, lift = element("lift");
-  lift.value = kept(`lift-${machine.name}`) ?? usual;
+  const {travel} = machine.axes.z, [low, high] = travel ?? [-Infinity, Infinity], lift = element("lift");
   const showLift = () => {
-    element("lift-note").textContent = machine.homes && lift.value !== ""
-      ? `Z goes up to machine ${shown(Number(lift.value))} first (Settings).` : "Z stays where it is: the page asks first.";
+    lift.value = kept(`lift-${machine.name}`) ?? (travel ? high - BELOW_TOP : "");
+    element("lift-note").textContent = `Z goes up to machine ${lift.value === "" ? "?" : shown(Number(lift.value))} first: see Settings.`;
   };
   lift.addEventListener("change", () => {
-    const [low, high] = machine.axes.z.travel ?? [-Infinity, Infinity], value = lift.valueAsNumber;
-    if (!(value >= low && value <= high)) {
-      say(`${lift.value || "this"} is no height in the travel of Z\ngive a machine position from ${low} to ${high}`);
-      lift.value = kept(`lift-${machine.name}`) ?? usual;
-    } else keep(`lift-${machine.name}`, value);
+    const value = lift.valueAsNumber;
+    if (value >= low && value <= high) keep(`lift-${machine.name}`, value);
+    else say(`${lift.value || "this"} is no height in the travel of Z\ngive a machine position from ${low} to ${high}`);
     showLift();
   });
   showLift();
   // Zero of the system in use: the machine position where the work position is 0.
   element("go-zero").addEventListener("click", () => goTo(state.machine.x - state.work.x, state.machine.y - state.work.y));
-  element("raise").addEventListener("click", () => attempt(async () => {
-    if (!machine.homes || lift.value === "") say("the top of Z is not known\ngive its height in Settings, on a machine that homes");
-    else await run("go_to", {x: state.machine.x, y: state.machine.y, height: wayHeight()});
-  }));
+  element("raise").addEventListener("click", () => goTo(state.machine.x, state.machine.y));
   element("outline").addEventListener("click", () => attempt(traceOutline));
   places = kept(named()) ?? [];
   element("place-form").addEventListener("submit", event => {
     event.preventDefault();
-    const name = element("place-name").value.trim();
+    const name = element("place-name").value.trim(), {x, y} = state.machine;
     if (!name) {
       say("the position has no name\ngive one, such as parking");
       return;
     }
-    const {x, y} = state.machine;
     keep(named(), places = [...places.filter(each => each.name !== name), {name, x, y}]);
     element("place-name").value = "";
     showPlaces();
@@ -173,9 +161,9 @@ async function traceOutline() {
     say("the program has no cut that could be traced");
     return;
   }
-  if (!await isClear()) return;
-  const [[xLow, xHigh], [yLow, yHigh]] = box, height = machine.homes && element("lift").value !== "" ? wayHeight() : state.machine.z;
-  await run("trace_outline", {x_low: xLow, x_high: xHigh, y_low: yLow, y_high: yHigh, height, feed: Number(element("jog-feed").value) || 1000});
+  const [[xLow, xHigh], [yLow, yHigh]] = box, feed = element("jog-feed").valueAsNumber;
+  if (feed > 0) await move("trace_outline", {x_low: xLow, x_high: xHigh, y_low: yLow, y_high: yHigh, feed});
+  else say("the jog has no feed\ngive one in mm/min");
 }
 
 function spindleAndCoolant() {

@@ -19,7 +19,7 @@ const NEEDS = {
   free: [({state}) => ["none", "jog"].includes(state.activity) || isPaused(), ({state}) => busy(state)],
   undo: [() => element("undo-zero").dataset.count !== "0", () => "no zero was set here that could be undone"],
   homed: [({state}) => element("unhomed").checked || Object.values(state.homed).every(Boolean),
-    () => "the machine is not homed: press Home, or tick \u201cJog not homed\u201d"],
+    () => "the machine is not homed: press Home, or tick \u201cwithout homing\u201d"],
   placed: [({state}) => Object.values(state.homed).every(Boolean), () => "the machine is not homed: press Home first"],
   unlocked: [({state}) => state.state !== "alarm", () => "the board is locked: home it, or press Unlock"],
   motion: [({state}) => MOVING.includes(state.state), () => "nothing moves that could be held"],

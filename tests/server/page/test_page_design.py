@@ -245,6 +245,19 @@ def test_go_to_zero_and_to_a_named_position_lift_first(desk):
     desk.get_by_role("button", name="Go to vice").click()
     expect(desk.locator("#machine-x")).to_have_text("\u221260.000")
     expect(desk.locator("#machine-y")).to_have_text("\u221270.000")
+    # A height outside of the travel is refused; without a height the page asks, and Escape says no.
+    open_part(desk, "settings")
+    desk.fill("#lift", "5")
+    desk.press("#lift", "Enter")
+    expect(desk.locator("#message")).to_contain_text("5 is no height in the travel of Z")
+    expect(desk.locator("#lift")).to_have_value("-3")
+    desk.evaluate("document.getElementById('lift').value = ''")
+    desk.click("#go-zero")
+    expect(desk.locator("#entry-text")).to_contain_text("Z stays at")
+    desk.keyboard.press("Escape")
+    expect(desk.locator("#entry")).not_to_be_visible()
+    expect(desk.locator("#state")).to_have_text("idle")
+    expect(desk.locator("#machine-x")).to_have_text("\u221260.000")
     desk.reload()
     expect(desk.get_by_role("button", name="Go to vice")).to_be_hidden()
     open_part(desk, "setup")
@@ -307,7 +320,7 @@ def test_spindle_and_coolant_by_hand(desk):
 
 
 def test_the_story_on_a_phone(desk, browser, address, port):
-    """Connect, home, jog, zero, load, run, hold, override, resume, stop, and go on from the line."""
+    """Connect, home, jog, zero, load, run, hold, override, resume, stop, go on from the line."""
     phone, wrong = opened_page(browser, address, "phone", theme="dark", touch=True)
     tap = lambda selector: phone.locator(selector).tap()  # noqa: E731
     tap("#take")
@@ -319,7 +332,13 @@ def test_the_story_on_a_phone(desk, browser, address, port):
     for selector in ("#connect", "#home"):
         box = phone.locator(selector).bounding_box()
         assert box["y"] + box["height"] < phone.locator("nav").bounding_box()["y"]
-    connect(phone, port)
+    phone.select_option("#board", "grbl")
+    phone.fill("#port", port)
+    tap("#connect")
+    expect(phone.locator("#state")).to_have_text("idle")
+    tap("#home")
+    expect(phone.locator("#machine-x")).to_have_text("\u22121.000")  # Off its switch.
+    expect(phone.locator("#state")).to_have_text("idle")
     expect(phone.locator("#pad")).to_be_in_viewport(ratio=1)
     enter(phone, "G53 G0 X-155 Y-150 Z-20")
     open_part(phone, "setup")
