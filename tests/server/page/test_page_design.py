@@ -336,10 +336,11 @@ def test_the_story_on_a_phone(desk, browser, address, port):
     phone.fill("#port", port)
     tap("#connect")
     expect(phone.locator("#state")).to_have_text("idle")
+    # The board has kept its position: the pad is in sight.
+    expect(phone.locator("#pad")).to_be_in_viewport(ratio=1)
     tap("#home")
     expect(phone.locator("#machine-x")).to_have_text("\u22121.000")  # Off its switch.
     expect(phone.locator("#state")).to_have_text("idle")
-    expect(phone.locator("#pad")).to_be_in_viewport(ratio=1)
     enter(phone, "G53 G0 X-155 Y-150 Z-20")
     open_part(phone, "setup")
     phone.get_by_label("1 mm", exact=True).check()
