@@ -54,6 +54,7 @@ def test_the_shipped_cycles_have_titles_and_parameters():
     found = {each.name: each for each in cycles(with_folder(load_machine(None), shipped_cycles()))}
     assert set(found) == {
         "probe_z", "probe_edge_x", "probe_edge_y", "probe_corner", "probe_hole", "tool_length",
+        "go_to", "trace_outline",
     }  # fmt: skip
     assert all(each.title and each.parameters for each in found.values())
     assert [each.name for each in found["probe_z"].parameters] == ["thickness", "distance", "feed"]
@@ -82,6 +83,22 @@ def on(session, *solids, radius=0.0):
     """Put a workpiece below the probe; the machine is at zero."""
     environment = session._worker.operated.board.simulator.core.environment
     environment.workpiece = Workpiece(solids, radius)
+
+
+def test_go_to_lifts_first_and_sets_nothing(session):
+    before = session.offsets
+    run(session, "go_to", x=7.5, y=-4.0, height=3.0)
+    assert session.state.machine == pytest.approx({"x": 7.5, "y": -4.0, "z": 3.0}, abs=CLOSE)
+    assert session.offsets == before
+
+
+def test_an_outline_ends_at_its_first_corner_with_the_spindle_off(session):
+    session.mdi("M3 S500").result(PATIENCE)
+    sides = {"x_low": -5.0, "x_high": 20.0, "y_low": 2.0, "y_high": 9.0}
+    run(session, "trace_outline", **sides, height=4.0, feed=6000.0)
+    state = session.state
+    assert state.machine == pytest.approx({"x": -5.0, "y": 2.0, "z": 4.0}, abs=CLOSE)
+    assert state.spindle == 0.0
 
 
 def test_a_plate_sets_z(session):

@@ -2,16 +2,20 @@
 
 import {attempt, get, on, post, put, remove, visible} from "./api.js";
 import {askYes} from "./asking.js";
-import * as heights from "./heights.js";
-import {needs, say, worded} from "./machine.js";
+import {named, needs, say, worded} from "./machine.js";
+import {showPart} from "./parts.js";
 import * as picture from "./picture.js";
+import * as heights from "./probing.js";
 
 const element = id => document.getElementById(id);
 const WINDOW = 500;  // lines that are fetched at a time
 const ROW = 19;      // px, height of a line of text
 const TALLEST = 8e6; // px; browsers end an element of more than 17 million
 
+let waiting = null;      // called with the outcome of the check that was asked for
 let uploading = false;  // the list then opens no job of its own, which would empty the fields again
+let isChecked = false;   // whether the last check of the open program found no error
+let chosen = 0;          // the line that is shown in the picture
 let job = null, total = 0, now = 0, windows = new Map(), found = new Map();
 
 export async function begin() {
@@ -31,8 +35,17 @@ export async function begin() {
     if (mine !== null) askYes(`Remove ${visible(mine)} from the library?`, "Remove").then(yes => { if (yes) attempt(() => remove(`jobs/${encodeURIComponent(mine)}`)); });
   });
   element("text").addEventListener("scroll", showText);
+  // A line that is pressed is shown in the picture; a second press ends this.
+  element("lines").addEventListener("click", event => choose(Number(event.target.closest("li")?.dataset.line) || 0));
+  new ResizeObserver(showText).observe(element("text"));
+  element("from-line").addEventListener("input", showRun);
   on("jobs", () => attempt(list));
-  on("job-checked", event => { if (event.name === job) attempt(showCheck); });
+  on("job-checked", event => {
+    if (event.name === job) attempt(() => showCheck()).finally(() => {
+      waiting?.(isChecked);
+      waiting = null;
+    });
+  });
   on("job-sketched", event => {
     if (event.name === job) attempt(async () => {
       const found = await get(path("/sketch"));
@@ -44,7 +57,15 @@ export async function begin() {
       ? `checking, line ${event.line}` : `running, line ${event.line}${event.lines ? ` of ${event.lines}` : ""}`;
   });
   on("job-ended", ended);
+  let running = "";
   on("state", event => {
+    // Who watches sees the program that runs.
+    const isNew = event.activity === "program" && event.program !== running;
+    running = event.activity === "program" ? event.program : "";
+    if (isNew && running !== job && !uploading && [...element("jobs").options].some(({value}) => value === running)) {
+      element("jobs").value = running;
+      open(running);
+    }
     const line = event.program === job ? event.line : 0;
     if (line === now) return;
     now = line;
@@ -74,6 +95,7 @@ async function showUnfinished() {
     "see where the tool stands, home the machine, and check the zero; " +
     (last.line ? `\u201cFrom line\u201d ${last.line} is filled in to go on there` : "then run it again"));
   if (last.line) element("from-line").value = last.line;
+  showRun();
 }
 
 const path = (rest = "") => `jobs/${encodeURIComponent(job)}${rest}`;
@@ -93,12 +115,15 @@ async function open(name) {
   job = name;
   windows = new Map();
   found = new Map();
-  total = now = 0;
+  total = now = chosen = 0;
   element("findings").replaceChildren();
   element("limits").hidden = element("stl").hidden = true;
   element("outcome").textContent = "";
   // A line of another job must not be where this one begins.
   element("from-line").value = "";
+  isChecked = false;
+  delete element("outcome").dataset.refused;
+  showRun();
   picture.clear();
   if (job !== null) await attempt(async () => {
     const mine = job, about = await get(path());
@@ -132,15 +157,29 @@ async function check() {
   await post(path("/check"), {height_map: heights.chosen()});
 }
 
+/** Check the open program now; return whether it is good and its picture shown. */
+export async function checkAgain() {
+  const mine = job;
+  if (mine === null) return false;
+  const ended = new Promise(done => { waiting = done; });
+  await check();
+  const isGood = await ended && job === mine;
+  if (!isGood) say(`${visible(mine)} is refused: the Program part has the findings`);
+  return isGood;
+}
+
 async function showCheck(given) {
   const mine = job, summary = given ?? await get(path("/check"));
   if (mine !== job) return;
   const errors = summary.errors.filter(({severity}) => severity === "error").length, others = summary.errors.length - errors;
   element("outcome").textContent = summary.ok
     ? `checked: ${time(summary.duration_s)}, ${summary.path_length_mm.toFixed(1)} mm, ${others} warnings and notes`
-    : `refused: ${errors} errors`;
+    : `refused: ${errors} error${errors === 1 ? "" : "s"}`;
+  element("outcome").dataset.refused = String(!summary.ok);
+  needs();
   showFindings(summary.errors);
   showLimits(summary);
+  isChecked = summary.ok;
   if (summary.ok) await picture.show(await get(path("/toolpath")), mine, {seconds: summary.duration_s});
 }
 
@@ -169,7 +208,11 @@ function showFindings(findings) {
     go.className = finding.severity;
     go.textContent = `${finding.line ? `line ${finding.line}: ` : ""}${finding.severity} ${finding.code}: ${finding.message}`;
     go.title = worded(finding.hint ?? "");
-    go.addEventListener("click", () => { if (finding.line) follow(finding.line); });
+    go.addEventListener("click", () => {
+      if (!finding.line) return;
+      follow(finding.line);
+      if (finding.line !== chosen) choose(finding.line);
+    });
     if (finding.line) found.set(finding.line, finding);
     item.append(go);
     return item;
@@ -210,24 +253,40 @@ async function run() {
   const from = Number(element("from-line").value) || null;
   picture.restart();
   say("");
-  await attempt(() => post(path("/run"), {from_line: from, home: element("home-first").checked, trust_position: element("trust").checked, optional_stop: element("optional-stop").checked, height_map: heights.chosen()}));
+  const begun = await attempt(() => post(path("/run"), {from_line: from, home: element("home-first").checked, trust_position: element("trust").checked, optional_stop: element("optional-stop").checked, height_map: heights.chosen()}));
+  if (begun !== null) showPart("run");
+}
+
+/** Show what Run would do. */
+function showRun() {
+  const from = element("from-line").value;
+  element("run-what").textContent = job === null ? "" : from ? `from line ${from}` : visible(job);
+  element("empty").hidden = job !== null;
 }
 
 function ended({program, outcome, seconds, stopped_at_line: stopped, resume_line: resume, findings}) {
   const errors = findings.filter(({severity}) => severity === "error");
-  let text = `${visible(program)}: ${outcome} after ${time(seconds)}`;
+  let text = `${named(program)}: ${outcome} after ${time(seconds)}`;
   if (stopped) text += `, stopped at line ${stopped}`;
   if (resume) text += `; it can go on from line ${resume}`;
   // After a whole run, the next one begins at the first line.
   if (program === job) element("from-line").value = resume ?? "";
+  showRun();
   if (program === job) element("outcome").textContent = text;
-  say([text, ...errors.map(({message, hint}) => [message, hint].filter(Boolean).join("; "))].join("\n"), {isNote: outcome === "done"});
+  say([text, ...errors.map(({message, hint}) => [message, hint].filter(Boolean).join("; "))].join("\n"), {isNote: outcome === "done", isBrief: outcome === "done" && program === "MDI"});
 }
 
 /** Return px of the whole text for each px of the scroll bar: more than 1 for a text that is taller than an element can be. */
 function pace() {
   const view = element("text").clientHeight;
   return Math.max((total * ROW - view) / (Math.min(total * ROW, TALLEST) - view), 1) || 1;
+}
+
+/** Show a line of the text in the picture. */
+function choose(number) {
+  chosen = number === chosen ? 0 : number;
+  picture.showLine(chosen);
+  showText();
 }
 
 /** Scroll to a line. */
@@ -251,9 +310,11 @@ function showText() {
       row.className = "now";
       row.setAttribute("aria-current", "step");
     }
+    row.dataset.line = index + 1;
+    if (index + 1 === chosen) row.classList.add("chosen");
     const finding = found.get(index + 1);
     if (finding) {
-      row.classList.add("found");
+      row.classList.add(finding.severity);
       row.title = `${finding.code}: ${finding.message}`;
     }
     rows.push(row);

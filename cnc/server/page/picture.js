@@ -11,21 +11,23 @@ const RAMP = {
   dark: ["#4f63ad", "#3f7c9c", "#2f9594", "#35ab86", "#58bf70", "#86cc5e", "#b3d457", "#dbdb70"],
 };
 const EDGES = [[0, 1], [2, 3], [4, 5], [6, 7], [0, 2], [1, 3], [4, 6], [5, 7], [0, 4], [1, 5], [2, 6], [3, 7]];
+const MOST_CHOSEN = 40000;  // numbers of the strokes of a line that is shown
 const MOST_REPORTS = 20000;
 const LEFT = 46, BOTTOM = 16, TOP = 6;
 
 let whole = false;  // whether the picture is that of the plan
-let unseen = true;  // whether the view is still to be fitted: a hidden canvas has no size
-let model = null, scene = null, part = null, job = null, state = null, due = false, reports = [];
+let view = "3d";     // the view that is fitted to the canvas; null after a turn or a move by hand
+let size = "";       // of the canvas for which it was fitted: a hidden one has none
+let model = null, scene = null, part = null, job = null, state = null, due = false, reports = [], chosen = [];
 
 const shade = name => getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();
 const triple = colour => [1, 3, 5].map(k => parseInt(colour.slice(k, k + 2), 16) / 255);
 
 export function begin() {
   for (const name of Object.keys(VIEWS)) {
-    const made = Object.assign(document.createElement("button"), {type: "button", textContent: name});
+    const made = Object.assign(document.createElement("button"), {type: "button", textContent: name === "3d" ? "3D" : name});
     made.addEventListener("click", () => {
-      scene?.look(name);
+      fit(name);
       redraw();
     });
     element("views").append(made);
@@ -50,12 +52,44 @@ export function clear() {
   model = scene = part = job = null;
   whole = false;
   reports = [];
+  chosen = [];
   element("picture-note").textContent = "";
   redraw();
 }
 
 /** Return whether the path of the check is shown. */
 export const isWhole = () => whole;
+
+/** Return the machine positions of the sides of the cuts of the whole path, [[low, high] of X, of Y], or null. */
+export function cutBox() {
+  if (model === null || !whole) return null;
+  const {n, place, rapid, origin} = model.strokes, box = [[Infinity, -Infinity], [Infinity, -Infinity]];
+  for (let i = 1; i < n; i++) if (!rapid[i - 1]) for (const k of [0, 1]) for (const at of [i - 1, i]) {
+    const value = place[3 * at + k] + origin[k];
+    box[k] = [Math.min(box[k][0], value), Math.max(box[k][1], value)];
+  }
+  return box[0][0] > box[0][1] ? null : box;
+}
+
+/** Show the path of a source line over the others; 0 for none. */
+export function showLine(number) {
+  chosen = [];
+  if (model !== null && number) {
+    const {t: begins, first, more, file} = model.origins, {n, t, place} = model.strokes;
+    const at = (k, time) => [0, 1, 2].map(axis => {
+      const part = Math.min(Math.max((time - t[k]) / Math.max(t[k + 1] - t[k], 1e-12), 0), 1);
+      return place[3 * k + axis] + part * (place[3 * k + 3 + axis] - place[3 * k + axis]);
+    });
+    for (let i = 0; i < begins.length; i++) if (file[i] === 0 && first[i] <= number && number <= first[i] + more[i]) {
+      const end = begins[i + 1] ?? Infinity;
+      for (let k = Math.max(upTo(t, begins[i]) - 1, 0); k + 1 < n && t[k] < end && chosen.length < MOST_CHOSEN; k++) {
+        chosen.push(...at(k, begins[i]), 0, 0, 0, 0, NO_DASH, ...at(k, end), 0, 0, 0, 0, NO_DASH);
+      }
+    }
+  }
+  element("space").dataset.chosen = chosen.length / 2 / FLOATS;
+  redraw();
+}
 
 /** A run begins: the reported speeds of the last one go. */
 export function restart() {
@@ -77,8 +111,14 @@ export async function show(found, name, {isWhole = true, seconds = null} = {}) {
   if (!scene.gl) element("picture-note").textContent = "The path needs WebGL 2, which this browser does not have.";
   else element("picture-note").textContent = about.facts + (isOther(seconds, about.duration)
     ? `. This is the plan of cncrun; the board plans by itself and takes ${seconds.toFixed(1)} s.` : "");
-  unseen = true;
+  fit(view ?? "3d");
   redraw();
+}
+
+/** Fit a view to the canvas at the next drawing, and again when its size changes. */
+function fit(name) {
+  view = name;
+  size = "";
 }
 
 /** Return whether the time of the board differs from that of the plan in the picture. */
@@ -91,7 +131,7 @@ export async function showPart(found, name) {
   scene.shown = [...edges(model.about.travel, model.strokes.origin, "travel"), ...edges(found.box, model.strokes.origin, "stock")];
   scene.prepare();
   part = new Part(scene.gl, surface);
-  unseen = true;
+  fit(view ?? "3d");
   redraw();
 }
 
@@ -130,12 +170,14 @@ const runs = () => state !== null && state.program === job && job !== null && ["
 const visible = () => JSON.stringify([state?.machine, runs() && state.run_time]);
 
 function draw() {
-  if (!scene?.gl || !element("space").clientWidth) return;
-  if (unseen) scene.look("3d");
-  unseen = false;
+  const {clientWidth, clientHeight} = element("space"), now = `${clientWidth} ${clientHeight}`;
+  if (!scene?.gl || !clientWidth) return;
+  if (view !== null && size !== now) scene.look(view);
+  size = now;
   const {origin} = model.strokes, dark = document.documentElement.dataset.theme === "dark";
   const at = state?.machine ?? {}, place = ["x", "y", "z"].map((letter, k) => (at[letter] ?? NaN) - origin[k]);
-  scene.choose(place.some(Number.isNaN) ? null : tool(place));
+  const over = place.some(Number.isNaN) ? chosen : [...tool(place), ...chosen];
+  scene.choose(over.length ? new Float32Array(over) : null);
   scene.draw({
     channel: 0, range: [0, Math.max(model.about.limits[0] || 1, 1e-6)], ramp: RAMP[dark ? "dark" : "light"].map(triple),
     paper: triple(shade("paper")), rapid: triple(shade("rapid")), accent: triple(shade("reported")),
@@ -144,7 +186,7 @@ function draw() {
   if (!runs()) part?.draw(scene, triple(shade("stock")));
 }
 
-/** Return the strokes of a tool whose tip is at a place: a tip and a shank. */
+/** Return the numbers of the strokes of a tool whose tip is at a place: a tip and a shank. */
 function tool([x, y, z]) {
   const size = Math.max(30 / scene.scale, 1e-3), r = size / 4, out = [];
   const line = (a, b) => out.push(...a, 0, 0, 0, 0, NO_DASH, ...b, 0, 0, 0, 0, NO_DASH);
@@ -152,7 +194,7 @@ function tool([x, y, z]) {
     line([x, y, z], [x + dx, y + dy, z + size / 2]);
     line([x + dx, y + dy, z + size / 2], [x + dx, y + dy, z + 2 * size]);
   }
-  return new Float32Array(out);
+  return out;
 }
 
 /** Planned and reported speed over time: each column of pixels shows the least and the greatest speed in it, of both alike. */
@@ -243,12 +285,14 @@ function pointer(canvas) {
     } else if (event.shiftKey || event.buttons & 6) scene.move(dx, dy);
     else scene.rotate(dx, dy);
     down.set(event.pointerId, here);
+    view = null;
     redraw();
   });
   for (const kind of ["pointerup", "pointercancel"]) canvas.addEventListener(kind, event => down.delete(event.pointerId));
   canvas.addEventListener("wheel", event => {
     event.preventDefault();
     scene?.zoom(Math.exp(-event.deltaY * 0.0015), event.offsetX, event.offsetY);
+    view = null;
     redraw();
   }, {passive: false});
   canvas.addEventListener("keydown", event => {
@@ -256,6 +300,7 @@ function pointer(canvas) {
     if (turn) scene?.rotate(...turn);
     else if (event.key === "+" || event.key === "-") scene?.zoom(event.key === "+" ? 1.25 : 0.8, canvas.clientWidth / 2, canvas.clientHeight / 2);
     else return;
+    view = null;
     event.preventDefault();
     redraw();
   });

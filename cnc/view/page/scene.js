@@ -58,7 +58,7 @@ void main() {
   int k = int(min(place, 6.0));
   vec3 shade = dashed > 0.5 ? rapid : light * mix(ramp[k], ramp[k + 1], place - float(k));
   if (paint.a > 0.0) shade = paint.rgb;
-  colour = vec4(time > now ? mix(paper, shade, 0.13) : shade, 1.0);
+  colour = vec4(time > now ? mix(paper, shade, 0.4) : shade, 1.0);
 }`;
 const VIEWS = {"3d": [0.6, 0.55], top: [0, Math.PI / 2], front: [0, 0], side: [Math.PI / 2, 0]};
 

@@ -5,7 +5,7 @@ import re
 import pytest
 
 from tests.server.page.test_page import upload
-from tests.support.server.console_page import connect, enter, expect, take
+from tests.support.server.console_page import connect, enter, expect, open_part, take
 from tests.support.server.quick_mill import SECONDS
 from tests.support.soak import share
 
@@ -63,6 +63,7 @@ def begin(page, port, kind):
     page.evaluate("document.getElementById('outcome').textContent = ''")
     upload(page, f"{kind}.nc", PROGRAMS[kind])
     expect(page.locator("#outcome")).to_contain_text("checked")
+    open_part(page, "program")
     if kind == "restart":
         page.fill("#from-line", "3")
     page.check("#trust")
@@ -184,6 +185,7 @@ def test_the_operator_touches_off_at_a_tool_change(desk, port):
     begin_text = "G21 G90 F3000\nG0 X0 Y0 Z0\nT2 M6\nG0 X5\nG0 Z-1\nM30\n"
     upload(desk, "touch.nc", begin_text)
     expect(desk.locator("#outcome")).to_contain_text("checked")
+    open_part(desk, "program")
     desk.check("#trust")
     desk.click("#run")
     expect(desk.locator("#question-text")).to_contain_text("put in tool 2")

@@ -4,11 +4,8 @@ import os
 import re
 from pathlib import Path
 
-import pytest
-
-from tests.support.server.console_page import connect, enter, expect, take
+from tests.support.server.console_page import connect, enter, expect, open_part, take
 from tests.support.server.quick_mill import PLATE, PLATE_THICKNESS
-from tests.support.soak import share, soaking
 
 PROGRAM = """\
 G21 G90 G94 G17
@@ -26,17 +23,6 @@ M30
 """
 ZERO = "G10 L2 P1 X-150 Y-150 Z-32"
 WRONG = "G21 G90\nG0 X1\nG1 X\n"
-ALL_RULES = {"resultTypes": ["violations"]}
-COLOUR_RULES = ALL_RULES | {"runOnly": ["color-contrast", "link-in-text-block"]}
-"""A change of the theme changes colours only; these rules of all are about colours."""
-AXE_OF_DIALOG = """async ([id, options]) => {
-  const place = document.getElementById(id);
-  if (id !== "key-map") document.getElementById(`${id}-text`).textContent = "what the dialog asks";
-  place.showModal();
-  const {violations} = await axe.run(`#${id}`, options);
-  place.close();
-  return violations.map(({id, impact, nodes}) => [id, impact, nodes[0].failureSummary]);
-}"""
 
 
 def picture(page, name):
@@ -91,19 +77,19 @@ def test_from_a_blank_board_to_the_first_part(page, port):
     page.click("#zero-all")
     expect(page.locator("#work-x")).to_have_text("0.000")
     # Z by touch-off with a plate: the tool rests 2 mm above it.
-    page.get_by_text("Probing", exact=True).click()
+    open_part(page, "probe")
     cycle = page.locator("#cycles form").filter(has=page.get_by_text("Run probe_z"))
     for name, value in (("thickness", PLATE_THICKNESS), ("distance", 8), ("feed", 1200)):
         cycle.locator(f'[name="{name}"]').fill(str(value))
     cycle.get_by_role("button").click()
     expect(page.locator("#work-z")).to_have_text(f"{PLATE_THICKNESS + 2.0:.3f}")
-    page.get_by_text("Probing", exact=True).click()
     expect(page.locator("#state")).to_have_text("idle")
     assert page.inner_text("#machine-z") == f"\u2212{-(PLATE + 2.0):.3f}"
     enter(page, "G0 Z12.5")
     expect(page.locator("#work-z")).to_have_text("12.500")
     picture(page, "console-connected")
     # A program with a fault is refused at its line.
+    open_part(page, "program")
     upload(page, "wrong.nc", WRONG)
     expect(page.locator("#outcome")).to_contain_text("refused")
     expect(page.locator("#findings")).to_contain_text("line 3: error number-missing")
@@ -140,6 +126,7 @@ def test_from_a_blank_board_to_the_first_part(page, port):
     line = page.input_value("#from-line")
     assert int(line) == 7
     # The quick lines of the rest: the steps to them are confirmed.
+    open_part(page, "program")
     page.fill("#from-line", "8")
     page.check("#trust")
     page.click("#run")
@@ -149,7 +136,7 @@ def test_from_a_blank_board_to_the_first_part(page, port):
     page.click("#yes")
     expect(page.locator("#outcome")).to_contain_text("plate.nc: done")
     expect(page.locator("#from-line")).to_have_value("")
-    page.click("#history-part summary")
+    open_part(page, "history")
     rows = page.locator("#history tbody tr")
     expect(rows).to_have_count(2)
     expect(rows.nth(0)).to_contain_text("done")
@@ -172,9 +159,12 @@ def test_a_watcher_sees_the_machine_and_may_stop_it_only(page, browser, address,
     phone.locator("#home").dispatch_event("click")
     expect(phone.locator("#message")).to_contain_text("press Take control first")
     expect(phone.locator("#holder")).to_contain_text("you watch")
+    open_part(page, "program")
     page.check("#trust")
     page.click("#run")
     expect(phone.locator("#state")).to_have_text("running")
+    # Who watches sees the program that runs.
+    expect(phone.locator("#jobs")).to_have_value("slow.nc")
     picture(phone, "console-phone")
     phone.locator("#stop").tap()
     expect(page.locator("#outcome")).to_contain_text("stopped")
@@ -205,36 +195,3 @@ def test_a_jog_ends_with_its_client(page, browser, address, port):
     expect(page.locator("#state")).to_have_text("jogging")
     context.close()
     expect(page.locator("#state")).to_have_text("idle")
-
-
-@pytest.mark.parametrize(
-    ("width", "theme", "parts"),
-    [
-        (1400, "light", [None]),
-        *share([(390, "dark", ["operate", "job", "picture", "more"])], []),
-    ],
-)
-def test_the_page_is_accessible(browser, address, width, theme, parts):
-    axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
-    context = browser.new_context(
-        viewport={"width": width, "height": 900}, color_scheme=theme, bypass_csp=True
-    )
-    opened = context.new_page()
-    opened.goto(address)
-    expect(opened.locator("#state")).not_to_have_text("connecting")
-    expect(opened.locator("html")).to_have_attribute("data-theme", theme)
-    opened.evaluate(axe.axe_script)
-    # The colours of the other theme are those of the page at a desk.
-    for rules in (ALL_RULES, *share([COLOUR_RULES], [COLOUR_RULES] * (parts == [None]))):
-        for part in parts:
-            if part is not None:
-                opened.click(f'nav button[data-part="{part}"]')
-            found = opened.evaluate("options => axe.run(options)", rules)["violations"]
-            grave = [each for each in found if each["impact"] in ("serious", "critical")]
-            assert [(each["id"], each["nodes"][0]["failureSummary"]) for each in grave] == []
-        # On the phone the dialogs are the same but for their width.
-        for dialog in ("question", "entry", "key-map") if parts == [None] or soaking() else ():
-            found = opened.evaluate(AXE_OF_DIALOG, [dialog, rules])
-            assert [each for each in found if each[1] in ("serious", "critical")] == []
-        opened.click("#theme")
-    context.close()

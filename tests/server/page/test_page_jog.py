@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.support.server.console_page import connect, enter, expect, take
+from tests.support.server.console_page import connect, enter, expect, open_part, take
 from tests.support.server.quick_mill import SECONDS
 from tests.support.soak import share
 
@@ -61,9 +61,8 @@ def phone(browser, address, port):
 @pytest.fixture(autouse=True)
 def in_the_middle(phone):
     """Move the machine away from the ends of its travel."""
-    phone.click('nav button[data-part="more"]')
     enter(phone, "G53 G0 X-100 Y-100 Z-20")
-    phone.click('nav button[data-part="operate"]')
+    open_part(phone, "setup")  # Its top, with the pad.
     phone.get_by_label("continuous").check()
     expect(phone.locator("#machine-x")).to_have_text("\u2212100.000")
 

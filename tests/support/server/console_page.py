@@ -5,6 +5,10 @@ import pytest
 expect = pytest.importorskip("playwright.sync_api").expect
 
 
+def open_part(page, name):
+    page.click(f'nav button[data-part="{name}"]')
+
+
 def take(page):
     page.click("#take")
     expect(page.locator("#holder")).to_have_text("you have control")
@@ -13,6 +17,7 @@ def take(page):
 def connect(page, port):
     """Connect and home, unless a test before this one has."""
     if page.inner_text("#state") == "disconnected":
+        open_part(page, "setup")
         page.select_option("#board", "grbl")
         page.fill("#port", port)
         page.click("#connection button")
@@ -24,6 +29,7 @@ def connect(page, port):
 
 def enter(page, line):
     """Run a line, and wait for its end."""
+    open_part(page, "setup")
     # The message of an earlier line must not count.
     page.evaluate("document.getElementById('message-text').textContent = ''")
     page.fill("#mdi", line)

@@ -1,94 +1,45 @@
-// MDI, console, probing, macros, settings of the board, history.
+// Records: the lines of the board, the runs with their logs, the settings of the board.
 
-import {attempt, get, on, post, put, visible} from "./api.js";
-import {needs, say} from "./machine.js";
+import {attempt, get, on, put, visible} from "./api.js";
+import {say, state} from "./machine.js";
+import {onPart, openPart} from "./parts.js";
 
 const element = id => document.getElementById(id);
 const KEPT = 2000;  // lines of the console
 
-const kept = [];
+const lines = [];
 let due = false;
 
 export function begin() {
-  element("mdi-form").addEventListener("submit", async event => {
-    event.preventDefault();
-    const line = element("mdi").value.trim();
-    if (!line) return;
-    if (await attempt(() => post("mdi", {line})) !== null) {
-      element("mdi").value = "";
-      showEntered();
-    }
-  });
   on("console", event => {
-    kept.push(event);
-    if (kept.length > KEPT) kept.splice(0, kept.length - KEPT);
+    lines.push(event);
+    if (lines.length > KEPT) lines.splice(0, lines.length - KEPT);
     showConsole();
   });
   for (const id of ["filter", "show-status"]) element(id).addEventListener("input", showConsole);
-  element("settings-part").addEventListener("toggle", showSettings);
-  element("history-part").addEventListener("toggle", showHistory);
-  on("job-ended", () => { if (element("history-part").open) showHistory(); });
-  attempt(async () => {
-    showCycles(await get("probing"));
-    showMacros(await get("macros"));
-    await showEntered();
-    needs();
+  element("read-settings").addEventListener("click", showSettings);
+  onPart(name => {
+    if (name === "history") showHistory();
+    if (name === "setup") showConsole();
+    if (name === "settings" && state.board && state.activity === "none") showSettings();
   });
-}
-
-async function showEntered() {
-  const lines = await get("mdi");
-  element("mdi-history").replaceChildren(...[...new Set(lines)].reverse().slice(0, 30).map(each => new Option(each)));
+  on("job-ended", () => { if (openPart() === "history") showHistory(); });
 }
 
 function showConsole() {
-  if (due) return;
+  if (due || openPart() !== "setup") return;
   due = true;
   requestAnimationFrame(() => {
     due = false;
     const place = element("console"), wanted = element("filter").value.toLowerCase(), withStatus = element("show-status").checked;
     const atEnd = place.scrollTop + place.clientHeight > place.scrollHeight - 30;
-    const shown = kept.filter(({text}) => (withStatus || !/^(<|\?)/.test(text)) && text.toLowerCase().includes(wanted));
+    const shown = lines.filter(({text}) => (withStatus || !/^(<|\?)/.test(text)) && text.toLowerCase().includes(wanted));
     place.textContent = shown.slice(-400).map(({direction, text}) => (direction === "sent" ? "> " : "  ") + text).join("\n");
     if (atEnd) place.scrollTop = place.scrollHeight;
   });
 }
 
-function showCycles(cycles) {
-  for (const cycle of cycles) {
-    const form = document.createElement("form"), title = document.createElement("h3"), run = document.createElement("button");
-    title.textContent = cycle.title;
-    form.append(title);
-    for (const {name, title: label, default: value} of cycle.parameters) {
-      const field = document.createElement("label"), input = Object.assign(document.createElement("input"), {type: "number", step: "any", name, value});
-      field.append(`${label} `, input);
-      form.append(field);
-    }
-    run.type = "submit";
-    run.dataset.needs = "link control board free unlocked";
-    run.textContent = `Run ${cycle.name}`;
-    form.append(run);
-    form.addEventListener("submit", event => {
-      event.preventDefault();
-      const parameters = Object.fromEntries([...new FormData(form)].map(([name, value]) => [name, Number(value)]));
-      attempt(() => post(`probing/${encodeURIComponent(cycle.name)}/run`, {parameters}));
-    });
-    element("cycles").append(form);
-  }
-}
-
-function showMacros(names) {
-  element("macros").replaceChildren(...names.map(name => {
-    const made = Object.assign(document.createElement("button"), {type: "button", textContent: name});
-    made.dataset.needs = "link control board idle";
-    made.addEventListener("click", () => attempt(() => post(`macros/${encodeURIComponent(name)}/run`)));
-    return made;
-  }));
-  if (!names.length) element("macros").textContent = "The folder of macros is empty.";
-}
-
 async function showSettings() {
-  if (!element("settings-part").open) return;
   const settings = await attempt(() => get("settings"));
   if (settings === null) return;
   const body = element("settings").tBodies[0];
@@ -122,7 +73,6 @@ async function showSettings() {
 }
 
 async function showHistory() {
-  if (!element("history-part").open) return;
   const runs = await attempt(() => get("history"));
   if (runs === null) return;
   const body = element("history").tBodies[0], logged = new Set();
