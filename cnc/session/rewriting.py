@@ -75,10 +75,10 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def _read(session: Session) -> dict[str, str]:
-    """Read a program; return the digests of its blocks. Raises its faults."""
+def fingerprint(blocks: Iterable[Block]) -> dict[str, str]:
+    """Return the digests of blocks by their columns. Raises the faults of the program."""
     digest = _Fingerprint()
-    digest.add(session.blocks())
+    digest.add(blocks)
     return digest.digests()
 
 
@@ -119,7 +119,7 @@ def in_form(
         session = Session(program, machine, options)
         session.read_from(path)
         try:
-            before = _read(session)
+            before = fingerprint(session.blocks())
         except CncError as error:
             name = display_name(program)
             raise with_source_lines([error], {name: path})[0] from None
@@ -130,7 +130,7 @@ def in_form(
                 file.write(part)
             changed = changed or source.read(1) != b""
         file.flush()
-        if changed and _read(Session(file.name, machine, options)) != before:
+        if changed and fingerprint(Session(file.name, machine, options).blocks()) != before:
             raise _differs(program)
         file.seek(0)
         yield Result(file, changed)

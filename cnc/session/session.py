@@ -338,13 +338,17 @@ class Session:
         """Return the dialect of the program, as the check pass reads it."""
         return self._context.reader.rules()
 
-    def blocks(self) -> Iterator[Block]:
-        """Yield the canonical blocks of the program, read as in the check pass."""
+    def blocks(self, warn: Callable[[Diagnostic], None] | None = None) -> Iterator[Block]:
+        """Yield the canonical blocks of the program, read as in the check pass.
+
+        Args:
+            warn: Called with each warning and note of the language.
+        """
         context = self._context
         if context.options.tool_lengths is not None:
             context.reader.policy = reading_policy(context.options, context.reader.machine, None)
         with readable_file(self._program) as context.reader.path:
-            yield from context.reader.blocks()
+            yield from context.reader.blocks(warn)
 
     @property
     def parameters(self) -> Mapping[int, float]:
