@@ -35,6 +35,7 @@ from cnc.cli.options import (
     CheckOptions,
     CommonOptions,
     ConvertOptions,
+    FixOptions,
     MachineOption,
     TerminalOptions,
     check_files,
@@ -115,7 +116,7 @@ app.command(zero)
 app.command(mdi)
 app.command(height_map)
 app.command(serve)
-COMMON, BOARD, CHECK = CommonOptions(), BoardOptions(), CheckOptions()
+COMMON, BOARD, CHECK, FIX = CommonOptions(), BoardOptions(), CheckOptions(), FixOptions()
 
 
 @app.command
@@ -183,6 +184,7 @@ def check(
             "exit code."
         ),
     ] = None,
+    fixes: FixOptions = FIX,
     options: CheckOptions = CHECK,
     common: CommonOptions = COMMON,
 ) -> int:
@@ -196,6 +198,12 @@ def check(
     load_library()
     from cnc.cli import checking
 
+    if fixes.wanted:
+        from cnc.cli.rewriting import repair_programs
+
+        repairs = repair_programs(names, common, options, fixes)
+        if fixes.diff:
+            return repairs
     return checking.check_programs(names, common, options, format, baseline, fail_on)
 
 

@@ -47,7 +47,12 @@ class Reading(NamedTuple):
     @property
     def error(self) -> Diagnostic | None:
         """The error; None without one."""
-        return next((one for one in self.findings[-1:] if one.severity == "error"), None)
+        return next((last for last in self.findings[-1:] if last.severity == "error"), None)
+
+    @property
+    def end(self) -> tuple[str, int] | None:
+        """Code and line of the error that ends the reading; None for the end of the program."""
+        return self.error and (self.error.code, self.error.line)
 
 
 class ChangedLine(NamedTuple):
@@ -125,7 +130,7 @@ class SourceLines:
 
 def edited(text: str, edits: Iterable[Edit]) -> str:
     """Return a line after edits that do not overlap."""
-    for edit in sorted(edits, reverse=True):
+    for edit in sorted(edits, key=lambda edit: edit.column, reverse=True):
         text = text[: edit.column - 1] + edit.text + text[edit.column - 1 + edit.length :]
     return text
 
@@ -206,7 +211,8 @@ def complete(finding: Diagnostic, source: SourceLines, rules: Dialect | None) ->
         edits += [point_behind(word, line) for word in without_point(statement, rules)]
     first = parse_line(source.text(finding.line), syntax)
     here = [point_behind(word, finding.line) for word in without_point(first, rules)]
-    return replace(finding, fix=replace(fix, edits=(*here, *edits[len(fix.edits) :])))
+    whole = (*here, *edits[len(fix.edits) :])
+    return replace(finding, fix=replace(fix, title="write each decimal point", edits=whole))
 
 
 def _place(finding: Diagnostic) -> tuple[str, int, int]:
@@ -252,15 +258,17 @@ def _batch(
 
 
 def _apply(source: SourceLines, batch: Iterable[Diagnostic]) -> list[Applied]:
-    """Make the repairs of findings; the later ones of a line first, so that columns hold."""
-    done = []
-    for finding in sorted(batch, key=lambda finding: (finding.line, finding.column), reverse=True):
+    """Make the repairs of findings. A line with several repairs shows all of them."""
+    edits: dict[int, list[Edit]] = {}
+    lines: list[tuple[Diagnostic, list[int]]] = []
+    for finding in batch:
         assert finding.fix is not None
-        edits: dict[int, list[Edit]] = {}
-        for edit in finding.fix.edits:
-            edits.setdefault(edit.line or finding.line, []).append(edit)
-        done.append(Applied(finding, tuple(source.edit(*item) for item in sorted(edits.items()))))
-    return done[::-1]
+        numbers = [edit.line or finding.line for edit in finding.fix.edits]
+        lines.append((finding, sorted(set(numbers))))
+        for number, edit in zip(numbers, finding.fix.edits, strict=True):
+            edits.setdefault(number, []).append(edit)
+    changed = {number: source.edit(number, edits[number]) for number in sorted(edits)}
+    return [Applied(finding, tuple(changed[n] for n in numbers)) for finding, numbers in lines]
 
 
 def _is_proved(before: Reading, after: Reading, batch: Iterable[Diagnostic]) -> bool:
@@ -276,7 +284,7 @@ def _is_proved(before: Reading, after: Reading, batch: Iterable[Diagnostic]) -> 
             if not _is_behind(after.error, finding):
                 return False
         elif new[finding.code, finding.line] >= old[finding.code, finding.line] or (
-            finding.fix.safe and after.blocks != before.blocks
+            finding.fix.safe and (after.blocks, after.end) != (before.blocks, before.end)
         ):
             return False
     return after.error is None or before.error is not None

@@ -55,14 +55,16 @@ class SourceLocation:
     ) -> None:
         """Report a legal but unusual word of the line, with its repair."""
         if self.warn:
-            self.warn(Diagnostic(code, message, *self._place(word), hint, "warning", fix))
+            self.warn(
+                Diagnostic(code, message, *self._place(word), hint, severity="warning", fix=fix)
+            )
 
     def report_note(
         self, code: str, message: str, word: Word, hint: str = "", fix: Fix | None = None
     ) -> None:
         """Report a word that does no harm and has no effect, with its repair."""
         if self.warn:
-            self.warn(Diagnostic(code, message, *self._place(word), hint, "note", fix))
+            self.warn(Diagnostic(code, message, *self._place(word), hint, severity="note", fix=fix))
 
     def _place(self, word: Word) -> tuple[str, int, int, int, str]:
         """Return file, line, column and length of a word, and the text of its line."""
@@ -525,7 +527,7 @@ class UnusedWords:
                 word.length,
                 given.text,
                 hint,
-                "note",
-                fix,
+                severity="note",
+                fix=fix,
             )
         )

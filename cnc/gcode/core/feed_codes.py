@@ -157,7 +157,7 @@ def report_missing(
         return False
     message = f"{word.written} has no decimal point: it is read as mm, inches or degrees"
     hint = f"other controls would read a thousandth of it or less: write {word.written}."
-    fix = Fix("write a point behind each distance", (point_behind(word),), safe=True)
+    fix = Fix("write the decimal point", (point_behind(word),), safe=True)
     here.report_warning("decimal-point-missing", message, word, hint, fix)
     return True
 

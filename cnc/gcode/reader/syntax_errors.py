@@ -564,7 +564,7 @@ def operator(context: ErrorContext) -> GcodeError:
         return context.fault("bracket-not-closed", "this [ is not closed", begin, hint="add a ]")
     if char == "=":
         message, hint = "= is not a comparison", "use EQ"
-        return context.fault("equals-place", message, hint=hint, fix=("write EQ", " EQ "))
+        return context.fault("equals-place", message, hint=hint, fix=("write EQ", "EQ"))
     if char == "(":
         return context.fault(
             "comment-place", "a comment is not allowed inside an expression", hint="use [ ] there"
@@ -582,7 +582,7 @@ def operator(context: ErrorContext) -> GcodeError:
         hint = f"write {meant}" if meant in context.operators else ""
         # Signs of two characters, such as <=, have other meanings.
         alone = context.text[context.at + 1 : context.at + 2] not in ("=", "<", ">", char)
-        fix = (hint, f" {meant} ") if hint and alone else None
+        fix = (hint, meant) if hint and alone else None
         return context.fault("operator-unknown", f"there is no operator {char}", hint=hint, fix=fix)
     if char in "*" and context.macro:
         return context.fault(
