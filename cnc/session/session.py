@@ -328,6 +328,7 @@ class Session:
             after,
         )
         self.moved = False
+        self._plans = True
         self._kernels = KernelNeeds(self._context)
 
     def read_from(self, path: Path) -> None:
@@ -366,6 +367,11 @@ class Session:
         """
         observer = self._context.observer
         return self._context.reader.place_of_pause(observer.pauses, observer.paused_at)
+
+    def read(self) -> Report:
+        """Carry out the check pass alone: language and travel, and no plan."""
+        self._plans = False
+        return self.run()
 
     def run(self, board: Board | None = None, board_name: str | None = None) -> Report:
         """Check the program, then plan it and send it to the board, if there is one.
@@ -448,6 +454,8 @@ class Session:
                 self._warn(reader.warp.moved_zero(reader.saved.given))
         if not report.ok:
             self._warn(assumed_offset(report))
+            return
+        if not self._plans:
             return
         if board is None and reader.machine.stock is not None:
             self._cut_stock(reader.machine.stock)
