@@ -9,10 +9,14 @@ from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 
+import numpy as np
+from numpy.typing import NDArray
+
 from cnc.boards.protocols import LineSink, PulseSink
 from cnc.checks.hints import empty_program, step_rate
 from cnc.checks.portable import ProgramText, dialects_of, portability
 from cnc.checks.selection import unknown_codes
+from cnc.gcode.core.line_trace import LineTrace
 from cnc.gcode.dialects import Dialect
 from cnc.grbl_lines.grbl_timing import BoardTime
 from cnc.machine.models import Machine, Stock
@@ -350,6 +354,18 @@ class Session:
             context.reader.policy = reading_policy(context.options, context.reader.machine, None)
         with readable_file(self._program) as context.reader.path:
             yield from context.reader.blocks(warn)
+
+    def traced(self, trace: LineTrace) -> Iterator[Block]:
+        """Yield the canonical blocks of the program, with a mark behind each line."""
+        context = self._context
+        context.reader.policy = reading_policy(context.options, context.reader.machine, None)
+        with readable_file(self._program) as context.reader.path:
+            yield from context.reader.traced_blocks(trace)
+
+    @property
+    def start(self) -> NDArray[np.float64]:
+        """Position of the machine before the program (axes,), mm."""
+        return self._context.reader.start
 
     @property
     def parameters(self) -> Mapping[int, float]:
