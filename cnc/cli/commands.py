@@ -371,6 +371,34 @@ def config(program: ProgramOption, /) -> int:
 
 
 @app.command
+def lsp(
+    *,
+    machine: MachineOption = None,
+    dialect: Annotated[
+        DialectName | None,
+        option("How to read the programs; by default as the project file specifies."),
+    ] = None,
+    stdio: Annotated[bool, option("Ignored: the server uses standard input and output.")] = True,
+    terminal: TerminalOptions = TERMINAL,
+) -> int:
+    """Serve an editor: findings, meanings, repairs.
+
+    It speaks the Language Server Protocol on standard input and output. It needs the extra:
+    pip install 'cncrun[lsp]'. Options in cncrun.toml hold for the programs of its folder.
+    """
+    terminal.open_log(machine)
+    load_library()
+    try:
+        from cnc.cli import language_server
+    except ImportError as error:
+        message = f"the language server needs {error.name}, which is not installed"
+        hint = "pip install 'cncrun[lsp]'"
+        raise UsageError(Diagnostic("lsp-missing", message, hint=hint)) from error
+    language_server.serve(CommonOptions(machine=machine, dialect=dialect))
+    return 0
+
+
+@app.command
 def convert(
     program: ProgramOption,
     /,

@@ -13,6 +13,7 @@ from cnc.gcode.reader.lines import events_of_lines
 from cnc.gcode.reader.parser import language_of, parse_line
 from cnc.gcode.reader.source_text import Text, Window, split
 from cnc.machine.models import Machine
+from cnc.model.choices import TextStyle
 from cnc.model.diagnostics import CncError, Diagnostic, GcodeError
 from cnc.model.operator_control import Control
 from cnc.session.options import RunOptions
@@ -35,7 +36,7 @@ class Settings:
 
     machine: Machine
     options: RunOptions
-    style: str = "readable"
+    style: TextStyle = "readable"
 
 
 @dataclass(frozen=True)

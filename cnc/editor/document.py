@@ -120,13 +120,24 @@ def without_comments(text: str) -> str:
     return _COMMENT.sub(lambda comment: " " * len(comment[0]), text)
 
 
-def units(text: str, character: int) -> int:
-    """Return the place of a character in units of UTF-16, as editors count."""
-    return character if text.isascii() else len(text[:character].encode("utf-16-le")) // 2
+# Editors count places in a line in characters (utf-32), pairs of bytes (utf-16) or bytes (utf-8).
 
 
-def characters(text: str, unit: int) -> int:
-    """Return the character at a place in units of UTF-16; the end for a place behind it."""
-    if text.isascii():
+def units(text: str, character: int, encoding: str) -> int:
+    """Return the place of a character in the units of an encoding."""
+    if encoding == "utf-32" or text.isascii():
+        return character
+    size = 1 if encoding == "utf-8" else 2
+    return len(text[:character].encode(_BYTES[encoding], "surrogatepass")) // size
+
+
+def characters(text: str, unit: int, encoding: str) -> int:
+    """Return the character at a place in the units of an encoding; the end behind it."""
+    if encoding == "utf-32" or text.isascii():
         return min(unit, len(text))
-    return len(text.encode("utf-16-le")[: 2 * unit].decode("utf-16-le", errors="ignore"))
+    data = text.encode(_BYTES[encoding], "surrogatepass")
+    size = 1 if encoding == "utf-8" else 2
+    return len(data[: size * unit].decode(_BYTES[encoding], errors="ignore"))
+
+
+_BYTES = {"utf-8": "utf-8", "utf-16": "utf-16-le"}

@@ -213,7 +213,9 @@ def tokens(document: Document, rules: Dialect, first: int, last: int) -> Iterato
         if rules.flavour != "klartext"
         else -1
     )
-    keyword, label, number = (TOKEN_TYPES.index(name) for name in ("keyword", "label", "number"))
+    keyword, label, number, variable = map(
+        TOKEN_TYPES.index, ("keyword", "label", "number", "variable")
+    )
     for window in windows(document, rules, first, last):
         reading = events_of_lines(window.data, *window.places, language)
         starts = window.places[0].tolist()
@@ -246,6 +248,8 @@ def tokens(document: Document, rules: Dialect, first: int, last: int) -> Iterato
                         after = -1
                 elif token == number and after >= 0:
                     token, after = after, -1
+                elif token == number and window.data[begin - 1 : begin] == b"#":
+                    token, begin = variable, begin - 1
                 else:
                     after = -1
                 row.append(Token(window.first + index, begin - start, end - start, token))

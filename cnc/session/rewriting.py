@@ -20,7 +20,12 @@ from cnc.model.blocks import Block, Polyline
 from cnc.model.choices import DialectName, TextStyle
 from cnc.model.diagnostics import CncError, Diagnostic, shown_name
 from cnc.session.options import RunOptions
-from cnc.session.program_reader import display_name, readable_file, with_source_lines
+from cnc.session.program_reader import (
+    Source,
+    display_name,
+    readable_file,
+    with_source_lines,
+)
 from cnc.session.session import Session
 
 
@@ -96,12 +101,12 @@ class Result(NamedTuple):
 
 @contextmanager
 def in_form(
-    program: str, machine: Machine, dialect: DialectName | None, style: TextStyle
+    program: Source, machine: Machine, dialect: DialectName | None, style: TextStyle
 ) -> Iterator[Result]:
     """Give the text of a program in a style, which gives the same blocks.
 
     Args:
-        program: the file; ``-`` is standard input.
+        program: the file, ``-`` for standard input, or the program itself.
         machine: the machine that the program is for.
         dialect: how to read it; None for the machine file's choice.
         style: the style.
@@ -131,7 +136,7 @@ def in_form(
             changed = changed or source.read(1) != b""
         file.flush()
         if changed and fingerprint(Session(file.name, machine, options).blocks()) != before:
-            raise _differs(program)
+            raise _differs(display_name(program))
         file.seek(0)
         yield Result(file, changed)
 
