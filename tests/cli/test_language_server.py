@@ -81,10 +81,10 @@ def talk(
             client.initialized(lsp.InitializedParams())
             item = lsp.TextDocumentItem(file.as_uri(), "gcode", 1, text)
             client.text_document_did_open(lsp.DidOpenTextDocumentParams(item))
-            await talk_to(client, file.as_uri())
+            await asyncio.wait_for(talk_to(client, file.as_uri()), 120)
             await client.shutdown_async(None)
-            client.exit(None)
         finally:
+            client.exit(None)
             await client.stop()
 
     asyncio.run(session())
@@ -108,16 +108,16 @@ def spans(locations: Any) -> list[tuple[int, int, int]]:
 
 def test_findings_follow_the_text(tmp_path: Path) -> None:
     async def talk_to(client: Client, uri: str) -> None:
-        assert await client.codes(1) == ["comment-nested"]
+        assert await client.codes(1) == ["comment-not-open"]
         (finding,) = client.findings[1]
-        assert (finding.range.start.line, finding.range.start.character) == (8, 9)
+        assert (finding.range.start.line, finding.range.start.character) == (8, 12)
         assert finding.severity == lsp.DiagnosticSeverity.Error
         document = lsp.VersionedTextDocumentIdentifier(version=2, uri=uri)
-        edits = [change(9, 9, 12, "b"), change(8, 3, 7, "-1. X[2\nY3.")]
+        edits = [change(9, 9, 13, "b)"), change(8, 3, 7, "Z-1. X[2\nY3.")]
         client.text_document_did_change(lsp.DidChangeTextDocumentParams(document, edits))
         assert await client.codes(2) == ["bracket-not-closed"]
         document = lsp.VersionedTextDocumentIdentifier(version=3, uri=uri)
-        edits = [change(8, 7, 10, "")]
+        edits = [change(8, 7, 11, "")]
         client.text_document_did_change(lsp.DidChangeTextDocumentParams(document, edits))
         assert "bracket-not-closed" not in await client.codes(3)
 
@@ -131,7 +131,7 @@ def test_a_wrong_project_file_is_a_finding(tmp_path: Path) -> None:
         client.findings.clear()
         config = lsp.TextDocumentIdentifier((tmp_path / "cncrun.toml").as_uri())
         client.text_document_did_save(lsp.DidSaveTextDocumentParams(config))
-        assert await client.codes(1) == ["comment-nested"]
+        assert await client.codes(1) == ["comment-not-open"]
 
     talk(tmp_path, talk_to, project='dialect = "fanuk"')
 
@@ -142,7 +142,7 @@ def test_features(tmp_path: Path) -> None:
 
     async def talk_to(client: Client, uri: str) -> None:
         this = {"text_document": lsp.TextDocumentIdentifier(uri)}
-        assert "comment-nested" not in await client.codes(1)
+        assert "comment-not-open" not in await client.codes(1)
 
         hover = await client.text_document_hover_async(lsp.HoverParams(**this, **at(8, 1)))
         assert hover is not None
