@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import os
+import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from lsprotocol import types as lsp
 from pygls.lsp.server import LanguageServer
@@ -505,6 +507,11 @@ def _change(server: CncLanguageServer) -> None:
         return server.edits(document, edits)
 
 
-def serve(common: CommonOptions, **streams: Any) -> None:
+def serve(common: CommonOptions) -> None:
     """Serve an editor on standard input and output until it ends."""
-    create_server(common).start_io(**streams)
+    # The server closes its streams, which are still needed at the end of the command.
+    with (
+        os.fdopen(os.dup(sys.stdin.fileno()), "rb") as source,
+        os.fdopen(os.dup(sys.stdout.fileno()), "wb") as target,
+    ):
+        create_server(common).start_io(source, target)

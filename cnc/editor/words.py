@@ -61,8 +61,9 @@ def meaning(letter: str, number: float, rules: Dialect, machine: Machine | None 
     return text
 
 
-_WORD = re.compile(r"(?P<letter>[A-Z])[ \t]*(?P<number>[-+]?[0-9]*\.?[0-9]+|[-+]?[0-9]+\.)", re.I)
-_NAME = re.compile(r"[A-Z_][A-Z_0-9]*", re.I)
+_WORD = re.compile(
+    r"(?P<letter>[A-Z])[ \t]*(?P<number>[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))", re.IGNORECASE
+)
 
 
 class Meaning(NamedTuple):
