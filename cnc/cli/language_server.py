@@ -157,7 +157,7 @@ class CncLanguageServer(LanguageServer):
         self.text_document_publish_diagnostics(
             lsp.PublishDiagnosticsParams(
                 program.uri,
-                [self._diagnostic(document, finding) for finding in analysis.findings],
+                [self.diagnostic(document, finding) for finding in analysis.findings],
                 document.version,
             )
         )
@@ -183,7 +183,8 @@ class CncLanguageServer(LanguageServer):
         options = chosen.check.run_options(chosen.common)
         return Settings(chosen.machine, options, chosen.style)
 
-    def _diagnostic(self, document: Document, finding: Diagnostic) -> lsp.Diagnostic:
+    def diagnostic(self, document: Document, finding: Diagnostic) -> lsp.Diagnostic:
+        """Return a finding as the protocol has it."""
         line = max(finding.line, 1)
         text = document.line(line)
         begin = finding.column - 1 if finding.column else len(text) - len(text.lstrip())
@@ -460,36 +461,41 @@ def _colour(server: CncLanguageServer) -> None:
 
 
 def _change(server: CncLanguageServer) -> None:
-    kinds = [lsp.CodeActionKind.QuickFix, lsp.CodeActionKind.SourceFixAll]
+    quick, everything = lsp.CodeActionKind.QuickFix, lsp.CodeActionKind.SourceFixAll
+    options = lsp.CodeActionOptions(code_action_kinds=[quick, everything])
 
-    @server.feature(lsp.TEXT_DOCUMENT_CODE_ACTION, lsp.CodeActionOptions(code_action_kinds=kinds))
+    @server.feature(lsp.TEXT_DOCUMENT_CODE_ACTION, options)
     async def actions(params: lsp.CodeActionParams) -> list[lsp.CodeAction]:
         ready = await server.ready(params.text_document.uri)
         if ready is None or ready[1].document is not ready[0].document:
             return []
         program, analysis, settings = ready
         document = program.document
+        only = params.context.only
 
-        def action(title: str, kind: str, edits: Sequence[TextEdit]) -> lsp.CodeAction:
+        def is_wanted(kind: lsp.CodeActionKind) -> bool:
+            """A kind that is asked for stands for those below it: source for source.fixAll."""
+            return only is None or any(
+                kind.value.startswith(getattr(name, "value", name)) for name in only
+            )
+
+        def action(title: str, kind: lsp.CodeActionKind, edits: list[TextEdit]) -> lsp.CodeAction:
             change = lsp.WorkspaceEdit({program.uri: server.edits(document, edits)})
             return lsp.CodeAction(title, kind=kind, edit=change)
 
-        found = []
+        made: list[lsp.CodeAction] = []
         first, last = params.range.start.line + 1, params.range.end.line + 1
-        for repair in changes.repairs(analysis, first, last):
+        for repair in changes.repairs(analysis, first, last) if is_wanted(quick) else ():
             note = "" if repair.safe else " (changes what the program does)"
-            made = action(f"{repair.title}{note}", lsp.CodeActionKind.QuickFix, repair.edits)
-            made.is_preferred = repair.safe
-            made.diagnostics = [server._diagnostic(document, repair.finding)]
-            found.append(made)
-        wanted = params.context.only or kinds
+            made.append(action(f"{repair.title}{note}", quick, repair.edits))
+            made[-1].is_preferred = repair.safe
+            made[-1].diagnostics = [server.diagnostic(document, repair.finding)]
         can_fix = any(finding.fix and finding.fix.safe for finding in analysis.findings)
-        if can_fix and any(lsp.CodeActionKind.SourceFixAll.startswith(kind) for kind in wanted):
+        if can_fix and is_wanted(everything):
             edits = await server.answer(lambda: changes.all_repaired(document, settings))
             if edits:
-                title = "make all safe repairs"
-                found.append(action(title, lsp.CodeActionKind.SourceFixAll, edits))
-        return [made for made in found if any(str(made.kind).startswith(kind) for kind in wanted)]
+                made.append(action("make all safe repairs", everything, edits))
+        return made
 
     @server.feature(lsp.TEXT_DOCUMENT_FORMATTING)
     async def formatting(params: lsp.DocumentFormattingParams) -> list[lsp.TextEdit] | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
@@ -11,7 +12,7 @@ from cnc.editor.document import Document
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.reader.lines import events_of_lines
 from cnc.gcode.reader.parser import language_of, parse_line
-from cnc.gcode.reader.source_text import Text, Window, split
+from cnc.gcode.reader.source_text import Window, split
 from cnc.machine.models import Machine
 from cnc.model.choices import TextStyle
 from cnc.model.diagnostics import CncError, Diagnostic, GcodeError
@@ -20,6 +21,7 @@ from cnc.session.options import RunOptions
 from cnc.session.program_reader import InlineProgram
 from cnc.session.session import Session
 
+_PERCENT = re.compile(rb"(?<![^\r\n])[ \t]*%")
 MOST_FURTHER = 100
 """Syntax errors behind the first error that are reported."""
 
@@ -109,17 +111,18 @@ def further_errors(document: Document, rules: Dialect, line: int) -> Iterator[Di
     syntax, count = rules.syntax(), 0
     for window in windows(document, rules, line + 1):
         reading = events_of_lines(window.data, *window.places, language_of(rules.flavour))
+        tape_end = window.find(_PERCENT, 0, window.count)
         for index in np.flatnonzero(reading.results.status).tolist():
             number, text = window.first + index, window.text(index)
-            if number <= line:
-                continue
-            if text.strip() == "%" or count >= MOST_FURTHER:
+            if index > tape_end or count >= MOST_FURTHER:
                 return
             try:
                 parse_line(text, syntax)
             except GcodeError as error:
                 count += 1
                 yield replace(error.diagnostic, file=document.name, line=number, text=text)
+        if tape_end < window.count:
+            return
 
 
 def windows(
@@ -139,8 +142,3 @@ def windows(
             errors="replace"
         )
         yield Window(begin, data, split(data, whole=True)).read_as(language_of(rules.flavour))
-
-
-def text_of(document: Document) -> Text:
-    """Return a text for the reader."""
-    return Text.of_lines(map(document.line, range(1, document.count + 1)), document.name)

@@ -188,7 +188,7 @@ def test_features(tmp_path: Path) -> None:
         tokens = await client.text_document_semantic_tokens_full_async(
             lsp.SemanticTokensParams(**this)
         )
-        assert tokens.data[:10] == [0, 0, 1, 8, 0, 0, 1, 3, 8, 0]
+        assert list(tokens.data[:10]) == [0, 0, 1, 8, 0, 0, 1, 3, 8, 0]
 
         whole = lsp.Range(lsp.Position(0, 0), lsp.Position(20, 0))
         hints = await client.text_document_inlay_hint_async(
@@ -222,6 +222,6 @@ def test_repairs_and_form(tmp_path: Path) -> None:
         edits = await client.text_document_formatting_async(
             lsp.DocumentFormattingParams(**this, options=options)
         )
-        assert edits == []
+        assert list(edits) == []
 
     talk(tmp_path, talk_to, text, project='dialect = "auto"')
