@@ -18,8 +18,10 @@ from pygls.uris import from_fs_path, to_fs_path
 from cnc.cli.options import CommonOptions
 from cnc.cli.projects import options_of
 from cnc.editor import changes, states, symbols, words
-from cnc.editor.analysis import Analysis, Settings, analysed
+from cnc.editor.analysis import Analysis, Settings, analysed, dialect_of
 from cnc.editor.document import Document, Span, TextEdit, characters, units
+from cnc.gcode.dialects import Dialect
+from cnc.gcode.reader.parser import Flavour
 from cnc.machine.project import FILE, SHARED_FILE, forget_projects
 from cnc.model.diagnostics import CncError, Diagnostic
 from cnc.model.operator_control import Control
@@ -60,6 +62,7 @@ class Program:
         uri: Its address.
         document: Its present text.
         settings: What holds for it; None before the first check.
+        rules: Its dialect; None if it can't be told.
         analysis: The last check that was not stopped.
         control: Stops the check that is running.
         timer: Begins the next check.
@@ -69,6 +72,7 @@ class Program:
     uri: str
     document: Document
     settings: Settings | None = None
+    rules: Dialect | None = None
     analysis: Analysis | None = None
     control: Control = field(default_factory=Control)
     timer: asyncio.TimerHandle | None = None
@@ -170,8 +174,13 @@ class CncLanguageServer(LanguageServer):
         if control.stopped:
             return Analysis(document)
         try:
-            program.settings = self._settings(document.name)
-            return analysed(document, program.settings, control)
+            settings = self._settings(document.name)
+            if program.settings is None or program.rules is None:
+                program.rules = dialect_of(document, settings)
+            program.settings = settings
+            analysis = analysed(document, settings, control)
+            program.rules = analysis.rules or program.rules
+            return analysis
         except CncError as error:
             finding = error.diagnostic
             message = f"{finding.location()}: {finding.message}" if finding.file else ""
@@ -203,19 +212,26 @@ class CncLanguageServer(LanguageServer):
         """Return what a function returns that reads the program; it runs in a thread."""
         return await asyncio.get_running_loop().run_in_executor(self._answers, work)
 
-    async def ready(self, uri: str) -> tuple[Program, Analysis, Settings] | None:
-        """Return a program with its last check; None before the first one.
+    async def ready(self, uri: str) -> tuple[Program, Settings] | None:
+        """Return a program whose settings and dialect are read; None if there is none.
 
-        A request may come right behind the text; it waits for the first check for a moment.
+        A request may come right behind the text; it waits for them for a moment.
         """
         program = self.programs.get(uri)
         for _ in range(100):
-            if program is None or (program.analysis is not None and program.settings is not None):
+            if program is None or program.settings is not None:
                 break
             await asyncio.sleep(0.05)
-        if program is None or program.analysis is None or program.settings is None:
+        if program is None or program.settings is None:
             return None
-        return program, program.analysis, program.settings
+        return program, program.settings
+
+    async def readable(self, uri: str) -> tuple[Document, Settings, Dialect] | None:
+        """Return a text, what holds for it, and its dialect; None if that can't be told."""
+        ready = await self.ready(uri)
+        if ready is None or ready[0].rules is None:
+            return None
+        return ready[0].document, ready[1], ready[0].rules
 
     def states(
         self, program: Program, settings: Settings, first: int, last: int
@@ -280,11 +296,11 @@ def _follow_texts(server: CncLanguageServer) -> None:
 def _explain(server: CncLanguageServer) -> None:
     @server.feature(lsp.TEXT_DOCUMENT_HOVER)
     async def hover(params: lsp.HoverParams) -> lsp.Hover | None:
-        ready = await server.ready(params.text_document.uri)
-        if ready is None or ready[1].rules is None:
+        ready = await server.readable(params.text_document.uri)
+        if ready is None:
             return None
-        program, _, settings = ready
-        document, rules = program.document, ready[1].rules
+        document, settings, rules = ready
+        program = server.programs[params.text_document.uri]
         line, character = server.place(document, params.position)
         word = words.meaning_at(document, line, character, rules, settings.machine)
         state = (await server.answer(lambda: server.states(program, settings, line, line))).get(
@@ -306,11 +322,10 @@ def _explain(server: CncLanguageServer) -> None:
         lsp.TEXT_DOCUMENT_COMPLETION, lsp.CompletionOptions(trigger_characters=["#", "<"])
     )
     async def complete(params: lsp.CompletionParams) -> list[lsp.CompletionItem]:
-        ready = await server.ready(params.text_document.uri)
-        if ready is None or ready[1].rules is None:
+        ready = await server.readable(params.text_document.uri)
+        if ready is None:
             return []
-        program, _, settings = ready
-        document, rules = program.document, ready[1].rules
+        document, settings, rules = ready
         line, character = server.place(document, params.position)
         items = words.completions(document, line, character, rules, settings.machine)
         return [
@@ -329,9 +344,9 @@ def _explain(server: CncLanguageServer) -> None:
     @server.feature(lsp.TEXT_DOCUMENT_INLAY_HINT)
     async def hints(params: lsp.InlayHintParams) -> list[lsp.InlayHint]:
         ready = await server.ready(params.text_document.uri)
-        if ready is None or ready[1].document is not ready[0].document:
+        if ready is None:
             return []
-        program, _, settings = ready
+        program, settings = ready
         document = program.document
         first = params.range.start.line + 1
         last = min(params.range.end.line + 1, document.count, first + MOST_HINTS)
@@ -348,60 +363,59 @@ def _explain(server: CncLanguageServer) -> None:
 
 
 def _find(server: CncLanguageServer) -> None:
-    async def symbol(
+    async def found_at(
         uri: str, at: lsp.Position
-    ) -> tuple[Program, Analysis, Settings, symbols.Symbol] | None:
-        ready = await server.ready(uri)
-        if ready is None or ready[1].rules is None:
+    ) -> tuple[Document, Settings, Flavour, symbols.Symbol] | None:
+        ready = await server.readable(uri)
+        if ready is None:
             return None
-        document = ready[0].document
-        found = symbols.symbol_at(document, ready[1].rules.flavour, *server.place(document, at))
-        return None if found is None else (*ready, found)
+        document, settings, rules = ready
+        symbol = symbols.symbol_at(document, rules.flavour, *server.place(document, at))
+        return None if symbol is None else (document, settings, rules.flavour, symbol)
 
-    def location(program: Program, place: symbols.Symbol) -> lsp.Location:
-        return lsp.Location(program.uri, server.range_of(program.document, place.span))
+    def location(uri: str, document: Document, place: symbols.Symbol) -> lsp.Location:
+        return lsp.Location(uri, server.range_of(document, place.span))
 
     @server.feature(lsp.TEXT_DOCUMENT_DEFINITION)
     async def definition(params: lsp.DefinitionParams) -> list[lsp.Location]:
-        found = await symbol(params.text_document.uri, params.position)
+        found = await found_at(params.text_document.uri, params.position)
         if found is None:
             return []
-        program, analysis, settings, name = found
-        assert analysis.rules is not None
-        places = symbols.definitions(program.document, analysis.rules.flavour, name)
+        document, settings, flavour, symbol = found
+        places = symbols.definitions(document, flavour, symbol)
         if places:
-            return [location(program, place) for place in places]
-        folders = subroutine_folders(Path(program.document.name), settings.machine)
-        file = symbols.file_of(name, folders)
+            return [location(params.text_document.uri, document, place) for place in places]
+        folders = subroutine_folders(Path(document.name), settings.machine)
+        file = symbols.file_of(symbol, folders)
         start = lsp.Position(0, 0)
         uri = None if file is None else from_fs_path(str(file))
         return [] if uri is None else [lsp.Location(uri, lsp.Range(start, start))]
 
     @server.feature(lsp.TEXT_DOCUMENT_REFERENCES)
     async def references(params: lsp.ReferenceParams) -> list[lsp.Location]:
-        found = await symbol(params.text_document.uri, params.position)
+        found = await found_at(params.text_document.uri, params.position)
         if found is None:
             return []
-        program, analysis, _, name = found
-        assert analysis.rules is not None
-        places = symbols.places(program.document, analysis.rules.flavour, name)
+        document, _, flavour, symbol = found
         wanted = params.context.include_declaration
-        return [location(program, place) for place in places if wanted or not place.defines]
+        return [
+            location(params.text_document.uri, document, place)
+            for place in symbols.places(document, flavour, symbol)
+            if wanted or not place.defines
+        ]
 
     @server.feature(lsp.TEXT_DOCUMENT_RENAME)
     async def rename(params: lsp.RenameParams) -> lsp.WorkspaceEdit | None:
-        found = await symbol(params.text_document.uri, params.position)
+        found = await found_at(params.text_document.uri, params.position)
         if found is None:
             return None
-        program, analysis, _, name = found
-        assert analysis.rules is not None
-        document = program.document
+        document, _, flavour, symbol = found
         try:
-            edits = symbols.renamed(document, analysis.rules.flavour, name, params.new_name)
+            edits = symbols.renamed(document, flavour, symbol, params.new_name)
         except symbols.NotRenamed as error:
             server.window_show_message(lsp.ShowMessageParams(lsp.MessageType.Error, str(error)))
             return None
-        return lsp.WorkspaceEdit({program.uri: server.edits(document, edits)})
+        return lsp.WorkspaceEdit({params.text_document.uri: server.edits(document, edits)})
 
     @server.feature(lsp.TEXT_DOCUMENT_DOCUMENT_SYMBOL)
     async def outline(params: lsp.DocumentSymbolParams) -> list[lsp.DocumentSymbol]:
@@ -429,10 +443,10 @@ def _colour(server: CncLanguageServer) -> None:
     legend = lsp.SemanticTokensLegend(list(words.TOKEN_TYPES), [])
 
     async def data(uri: str, first: int, last: int) -> lsp.SemanticTokens:
-        ready = await server.ready(uri)
-        if ready is None or ready[1].rules is None:
+        ready = await server.readable(uri)
+        if ready is None:
             return lsp.SemanticTokens([])
-        document, rules = ready[0].document, ready[1].rules
+        document, _, rules = ready
         listed = await server.answer(lambda: list(words.tokens(document, rules, first, last)))
         numbers: list[int] = []
         before = lsp.Position(0, 0)
@@ -467,10 +481,12 @@ def _change(server: CncLanguageServer) -> None:
     @server.feature(lsp.TEXT_DOCUMENT_CODE_ACTION, options)
     async def actions(params: lsp.CodeActionParams) -> list[lsp.CodeAction]:
         ready = await server.ready(params.text_document.uri)
-        if ready is None or ready[1].document is not ready[0].document:
+        if ready is None:
             return []
-        program, analysis, settings = ready
-        document = program.document
+        program, settings = ready
+        document, analysis = program.document, program.analysis
+        if analysis is None or analysis.document is not document:
+            return []
         only = params.context.only
 
         def is_wanted(kind: lsp.CodeActionKind) -> bool:
@@ -502,7 +518,7 @@ def _change(server: CncLanguageServer) -> None:
         ready = await server.ready(params.text_document.uri)
         if ready is None:
             return None
-        program, _, settings = ready
+        program, settings = ready
         document = program.document
         try:
             edits = await server.answer(lambda: changes.in_style(document, settings))

@@ -12,13 +12,13 @@ from cnc.editor.document import Document
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.reader.lines import events_of_lines
 from cnc.gcode.reader.parser import language_of, parse_line
-from cnc.gcode.reader.source_text import Window, split
+from cnc.gcode.reader.source_text import WINDOW_BYTES, Window, split
 from cnc.machine.models import Machine
 from cnc.model.choices import TextStyle
 from cnc.model.diagnostics import CncError, Diagnostic, GcodeError
 from cnc.model.operator_control import Control
 from cnc.session.options import RunOptions
-from cnc.session.program_reader import InlineProgram
+from cnc.session.program_reader import InlineProgram, readable_file
 from cnc.session.session import Session
 
 _PERCENT = re.compile(rb"(?<![^\r\n])[ \t]*%")
@@ -88,11 +88,27 @@ def analysed(document: Document, settings: Settings, control: Control | None = N
 
 
 def rules_of(session: Session) -> Dialect | None:
-    """Return the dialect of a program; None if it can't be told."""
+    """Return the dialect of a program that was read; None if it can't be told."""
     try:
         return session.rules()
     except CncError:
         return None
+
+
+def dialect_of(document: Document, settings: Settings) -> Dialect | None:
+    """Return the dialect of a text by its first lines; None if it can't be told."""
+    head, size = [], 0
+    for piece in document.pieces:
+        head.append(piece)
+        size += len(piece)
+        if size > WINDOW_BYTES:
+            break
+    begin = Document(document.name, [*head, ""])
+    program = InlineProgram(begin.name, begin.data)
+    session = Session(program, settings.machine, settings.options)
+    with readable_file(program) as path:
+        session.read_from(path)
+        return rules_of(session)
 
 
 def _of_other_file(finding: Diagnostic) -> Diagnostic:

@@ -251,6 +251,8 @@ def tokens(document: Document, rules: Dialect, first: int, last: int) -> Iterato
                     token, after = after, -1
                 elif token == number and window.data[begin - 1 : begin] == b"#":
                     token, begin = variable, begin - 1
+                elif token == label:
+                    after = label
                 else:
                     after = -1
                 row.append(Token(window.first + index, begin - start, end - start, token))
