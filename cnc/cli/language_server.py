@@ -95,13 +95,18 @@ class CncLanguageServer(LanguageServer):
 
     # Places
 
+    @property
+    def encoding(self) -> str:
+        """How the editor counts places in a line."""
+        return self.workspace.position_encoding or "utf-16"
+
     def range_of(self, document: Document, span: Span) -> lsp.Range:
         """Return a part of a line as the protocol has it."""
         return self.range(document, TextEdit(span.line, span.begin, span.line, span.end, ""))
 
     def range(self, document: Document, edit: TextEdit) -> lsp.Range:
         """Return the part of a text that an edit replaces as the protocol has it."""
-        encoding = self.workspace.position_encoding
+        encoding = self.encoding
         return lsp.Range(
             lsp.Position(edit.line - 1, units(document.line(edit.line), edit.begin, encoding)),
             lsp.Position(edit.last - 1, units(document.line(edit.last), edit.end, encoding)),
@@ -110,7 +115,7 @@ class CncLanguageServer(LanguageServer):
     def place(self, document: Document, at: lsp.Position) -> tuple[int, int]:
         """Return line (from 1) and character (from 0) of a place of the protocol."""
         line = document.line(at.line + 1)
-        return at.line + 1, characters(line, at.character, self.workspace.position_encoding)
+        return at.line + 1, characters(line, at.character, self.encoding)
 
     def edits(self, document: Document, edits: Sequence[TextEdit]) -> list[lsp.TextEdit]:
         """Return edits as the protocol has them."""

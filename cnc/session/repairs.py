@@ -52,7 +52,7 @@ class Reading(NamedTuple):
     @property
     def end(self) -> tuple[str, int] | None:
         """Code and line of the error that ends the reading; None for the end of the program."""
-        return self.error and (self.error.code, self.error.line)
+        return None if self.error is None else (self.error.code, self.error.line)
 
 
 class ChangedLine(NamedTuple):
