@@ -22,7 +22,8 @@ from cnc.machine.models import Machine
 
 
 @cache
-def _texts() -> dict[str, dict[str, str]]:
+def texts() -> dict[str, dict[str, str]]:
+    """Return the meanings by the tables of ``codes.toml``."""
     file = resources.files(__package__) / "codes.toml"
     return tomllib.loads(file.read_text(encoding="utf-8"))
 
@@ -53,9 +54,9 @@ def meaning(letter: str, number: float, rules: Dialect, machine: Machine | None 
         (key in ("70", "71", "72") and not rules.cycles.hole_patterns)
         or (key == "76" and not rules.cycles.fine_boring)
     )
-    texts = _texts()
-    lathe = texts["lathe"].get(key) if letter == "G" and on_lathe else None
-    text = lathe or texts[letter.lower()].get(key, "")
+    listed = texts()
+    lathe = listed["lathe"].get(key) if letter == "G" and on_lathe else None
+    text = lathe or listed[letter.lower()].get(key, "")
     if letter == "G" and alias is not None:
         return f"{text} (as G{key}{' ' + alias.word if alias.word else ''})"
     return text
@@ -80,7 +81,7 @@ def meaning_at(
 ) -> Meaning | None:
     """Return the word at a character of a line and its meaning; None for none."""
     code = document.code(line)
-    listed = _texts().get(rules.flavour, {})
+    listed = texts().get(rules.flavour, {})
     for name in sorted(listed, key=len, reverse=True):
         pattern = r"(?<![A-Z0-9_])" + r"[ \t]+".join(map(re.escape, name.split())) + r"(?![A-Z_])"
         for match in re.finditer(pattern, code, re.IGNORECASE):
@@ -95,7 +96,7 @@ def meaning_at(
             text = meaning(letter, number, rules, machine)
             text = text or f"not in the dialect {rules.name}"
         elif rules.flavour != "klartext":
-            text = _texts()["letters"].get(letter, "")
+            text = texts()["letters"].get(letter, "")
         if text:
             word = re.sub(r"[ \t]", "", match[0]).upper()
             return Meaning(*match.span(), word, text)
@@ -139,7 +140,7 @@ def completions(
     out = [code for code in codes(rules, machine, begin) if code.text.startswith(written)]
     out += [
         Completion(name, text_of, "keyword", begin)
-        for name, text_of in _texts().get(rules.flavour, {}).items()
+        for name, text_of in texts().get(rules.flavour, {}).items()
         if name.startswith(written)
     ]
     if rules.flavour == "siemens" and written:

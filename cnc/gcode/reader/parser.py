@@ -214,22 +214,28 @@ def _parse_mended(text: str, syntax: Syntax) -> Statement:
             mended = to_first_bracket(text, finding)
         if mended is None:
             # Columns count in the text as it is written.
-            fix = finding.fix or _fix(text, mend(text, finding))
+            fix = finding.fix or _fix(text, mend(text, finding), finding.code)
             fix = fix if len(text) == len(written) else None
             raise GcodeError(replace(finding, fix=fix)) from None
     statement = _parse(mended.text, syntax)
-    fix = _fix(text, mended, safe=True) if len(text) == len(written) else None
+    fix = _fix(text, mended, finding.code, safe=True) if len(text) == len(written) else None
     return replace(statement, remarks=(*statement.remarks, replace(mended.remark, fix=fix)))
 
 
-def _fix(text: str, mended: Mended | None, *, safe: bool = False) -> Fix | None:
-    """Return the edit that leads from a line to its repaired form."""
+_TITLES = {
+    "comment-nested": "write other brackets inside the comment",
+    "comment-not-closed": "close the comment",
+}
+
+
+def _fix(text: str, mended: Mended | None, code: str, *, safe: bool = False) -> Fix | None:
+    """Return the edit that leads from a line with an error to its repaired form."""
     if mended is None:
         return None
     new = mended.text
     begin = _alike(text, new)
     end = _alike(text[begin:][::-1], new[begin:][::-1])
-    title = "write the comment as it is read"
+    title = _TITLES.get(code, "write the text as a comment")
     return Fix.replace(
         title, begin + 1, len(text) - end - begin, new[begin : len(new) - end], safe=safe
     )
