@@ -281,7 +281,7 @@ def _is_proved(before: Reading, after: Reading, batch: Iterable[Diagnostic]) -> 
     for finding in batch:
         assert finding.fix is not None
         if finding.severity == "error":
-            if not _is_behind(after.error, finding):
+            if not _is_gone(finding, after.error):
                 return False
         elif new[finding.code, finding.line] >= old[finding.code, finding.line] or (
             finding.fix.safe and (after.blocks, after.end) != (before.blocks, before.end)
@@ -290,9 +290,14 @@ def _is_proved(before: Reading, after: Reading, batch: Iterable[Diagnostic]) -> 
     return after.error is None or before.error is not None
 
 
-def _is_behind(error: Diagnostic | None, repaired: Diagnostic) -> bool:
-    """Return whether the error that was repaired is gone, and none stands in a line before it."""
-    if error is None or error.file != repaired.file or error.line != repaired.line:
-        return error is None or error.file != repaired.file or error.line > repaired.line
-    is_later = len(error.text) - error.column < len(repaired.text) - repaired.column
-    return error.code != repaired.code or is_later
+def _is_gone(repaired: Diagnostic, error: Diagnostic | None) -> bool:
+    """Return whether an error that was repaired is gone; the next one may be any other.
+
+    A subprogram stands behind the lines that are executed after it, so the next error may stand
+    before. The same error of the same line is another one if it is nearer to the end of the line.
+    """
+    if error is None or (error.code, error.file, error.line) != (
+        repaired.code, repaired.file, repaired.line,
+    ):  # fmt: skip
+        return True
+    return len(error.text) - error.column < len(repaired.text) - repaired.column

@@ -85,6 +85,13 @@ def test_two_errors_of_a_line_are_repaired_in_turn() -> None:
     assert result.new.decode() == "G0 X-1 Y-2 (open)\nM2"
 
 
+def test_errors_are_repaired_in_the_order_of_execution() -> None:
+    """The subprogram is executed before the line of the main program behind its call."""
+    text = "O1\nM98 P2\nG0 X\u22121.\nM30\nO2\nG0 Y\u22122.\nM99\n"
+    result = repair(text, "fanuc", unsafe=True)
+    assert result.new.decode() == text.replace("\u2212", "-")
+
+
 def test_line_ends_byte_order_mark_and_bytes_that_are_not_utf8_stay() -> None:
     text = b"\xef\xbb\xbfG21 (a (b))\r\n(Stra\xdfe (x)\r\nG0 X1.\r\nM2\r\n"
     result = repaired("a.nc", text, MACHINE, RunOptions(), unsafe=False)
