@@ -201,7 +201,8 @@ def check(
     if fixes.wanted:
         from cnc.cli.rewriting import repair_programs
 
-        repairs = repair_programs(names, common, options, fixes)
+        stream = common.summary_file if format == "text" else sys.stderr
+        repairs = repair_programs(names, common, options, fixes, stream)
         if fixes.diff:
             return repairs
     return checking.check_programs(names, common, options, format, baseline, fail_on)

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from io import BytesIO
 from pathlib import Path
-from typing import IO
+from typing import IO, TextIO
 
 from cnc.cli.checking import find_programs
 from cnc.cli.options import CheckOptions, CommonOptions, ConvertOptions, FixOptions
@@ -109,9 +109,20 @@ def convert_program(
 
 
 def repair_programs(
-    names: Sequence[str], common: CommonOptions, options: CheckOptions, fixes: FixOptions
+    names: Sequence[str],
+    common: CommonOptions,
+    options: CheckOptions,
+    fixes: FixOptions,
+    stream: TextIO,
 ) -> int:
     """Repair programs, and print each repair with its lines; return the exit code of ``--diff``.
+
+    Args:
+        names: Programs, folders and patterns.
+        common: Options of the check.
+        options: Further ones.
+        fixes: Which repairs are made, and whether they are only shown.
+        stream: Where they are printed.
 
     Raises:
         UsageError: A program cannot be read or written, or is standard input.
@@ -130,12 +141,12 @@ def repair_programs(
         count += len(result.applied)
         if not common.terminal.quiet:
             for repair in result.applied:
-                print(*_shown(repair), sep="\n", file=common.summary_file)
+                print(*_shown(repair), sep="\n", file=stream)
         if result.new != result.text and not fixes.diff:
             _write(file, BytesIO(result.new))
     if not common.terminal.quiet and count:
         what = "repair" if count == 1 else "repairs"
-        print(f"{count} {what} {'to make' if fixes.diff else 'made'}", file=common.summary_file)
+        print(f"{count} {what} {'to make' if fixes.diff else 'made'}", file=stream)
     return EXIT_REJECTED if count else 0
 
 

@@ -225,6 +225,18 @@ def test_sarif_and_json_have_the_repairs(
     assert found == {"title": "write G0", "safe": True, "edits": edits}
 
 
+def test_repairs_do_not_stand_among_the_findings_for_other_tools(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "a.nc").write_text("G21\nX1. Y2.\nM2\n")
+    (tmp_path / "b.nc").write_text("G21 (a (b))\nG0 X1.\nM2\n")
+    assert exit_code(["check", str(tmp_path), "--fix", "--format", "json"]) == 0
+    out, err = capsys.readouterr()
+    assert [entry["ok"] for entry in json.loads(out)] == [True, True]
+    assert "+ G0 X1. Y2." in err
+    assert (tmp_path / "b.nc").read_text() == "G21 (a [b])\nG0 X1.\nM2\n"
+
+
 def test_an_error_of_another_file_is_not_repaired(tmp_path: Path) -> None:
     (tmp_path / "sub.ngc").write_text("o<sub> sub\nG0 X1 (open\no<sub> endsub\nM2\n")
     text = b"o<sub> call\nM2\n"
