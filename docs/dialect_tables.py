@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 
+from cnc.editor.words import texts
 from cnc.gcode import dialects
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.dialects.recognition import evidence
@@ -148,6 +149,14 @@ def page() -> str:
         "",
         "Made from the data of the dialects (`cnc/gcode/dialects`).",
         "",
+        "## Functions",
+        "",
+        "What `cncrun lsp` shows. A dialect may write a function with another number, as below.",
+        "",
+        "| code | function |",
+        "| --- | --- |",
+        *_functions(),
+        "",
     ]
     for topic, codes in by_topic().items():
         rows = ((code, ["yes" if _has(each, code) else "" for each in rules]) for code in codes)
@@ -170,6 +179,14 @@ def page() -> str:
     lines.append("| --- | --- | --- |")
     lines += [f"| {name} | {points} | {what} |" for name, points, what in evidence()]
     return "\n".join(lines) + "\n"
+
+
+def _functions() -> Iterator[str]:
+    """Yield a row for each code, with its function; then those of lathes."""
+    listed = texts()
+    for table, letter in (("g", "G"), ("m", "M")):
+        yield from (f"| {letter}{code} | {text} |" for code, text in listed[table].items())
+    yield from (f"| G{code} on lathes | {text} |" for code, text in listed["lathe"].items())
 
 
 def by_topic() -> dict[str, list[str]]:

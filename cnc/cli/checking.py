@@ -79,9 +79,23 @@ def check_programs(
     if not listed:
         show(reports[0], common, stream)
     quiet = common.terminal.quiet
+    if not quiet and format == "text":
+        print(*_repairable(reports), sep="\n", end="", file=stream)
     if before is not None and not quiet:
         print(*change_lines(reports, before.missing(reports)), sep="\n", file=stream)
     return end(reports, quiet=quiet, fail_on=fail_on)
+
+
+def _repairable(reports: Sequence[Report]) -> list[str]:
+    """Return a line with the number of findings that have a repair; none without any."""
+    fixes = [finding.fix for report in reports for finding in report.findings if finding.fix]
+    safe = sum(fix.safe for fix in fixes)
+    parts = [
+        f"{count} finding{'s' * (count > 1)} can be repaired with {name}"
+        for count, name in ((safe, "--fix"), (len(fixes) - safe, "--fix --unsafe-fixes"))
+        if count
+    ]
+    return [f"{', '.join(parts)}\n"] if parts else []
 
 
 def check_one(

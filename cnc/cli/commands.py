@@ -35,6 +35,7 @@ from cnc.cli.options import (
     CheckOptions,
     CommonOptions,
     ConvertOptions,
+    FixOptions,
     MachineOption,
     TerminalOptions,
     check_files,
@@ -115,7 +116,7 @@ app.command(zero)
 app.command(mdi)
 app.command(height_map)
 app.command(serve)
-COMMON, BOARD, CHECK = CommonOptions(), BoardOptions(), CheckOptions()
+COMMON, BOARD, CHECK, FIX = CommonOptions(), BoardOptions(), CheckOptions(), FixOptions()
 
 
 @app.command
@@ -183,6 +184,7 @@ def check(
             "exit code."
         ),
     ] = None,
+    fixes: FixOptions = FIX,
     options: CheckOptions = CHECK,
     common: CommonOptions = COMMON,
 ) -> int:
@@ -196,6 +198,13 @@ def check(
     load_library()
     from cnc.cli import checking
 
+    if fixes.wanted:
+        from cnc.cli.rewriting import repair_programs
+
+        stream = common.summary_file if format == "text" else sys.stderr
+        repairs = repair_programs(names, common, options, fixes, stream)
+        if fixes.diff:
+            return repairs
     return checking.check_programs(names, common, options, format, baseline, fail_on)
 
 
@@ -359,6 +368,34 @@ def config(program: ProgramOption, /) -> int:
     from cnc.cli.projects import described
 
     print(*described(program), sep="\n")
+    return 0
+
+
+@app.command
+def lsp(
+    *,
+    machine: MachineOption = None,
+    dialect: Annotated[
+        DialectName | None,
+        option("How to read the programs; by default as the project file specifies."),
+    ] = None,
+    stdio: Annotated[bool, option("Ignored: the server uses standard input and output.")] = True,
+    terminal: TerminalOptions = TERMINAL,
+) -> int:
+    """Serve an editor: findings, meanings, repairs.
+
+    It speaks the Language Server Protocol on standard input and output. It needs the extra:
+    pip install 'cncrun[lsp]'. Options in cncrun.toml hold for the programs of its folder.
+    """
+    terminal.open_log(machine)
+    load_library()
+    try:
+        from cnc.cli import language_server
+    except ImportError as error:
+        message = f"the language server needs {error.name}, which is not installed"
+        hint = "pip install 'cncrun[lsp]'"
+        raise UsageError(Diagnostic("lsp-missing", message, hint=hint)) from error
+    language_server.serve(CommonOptions(machine=machine, dialect=dialect))
     return 0
 
 

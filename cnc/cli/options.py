@@ -337,6 +337,34 @@ class CheckOptions:
         )
 
 
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class FixOptions:
+    """Options of a check that repairs programs."""
+
+    fix: Annotated[
+        bool, option("Repair the findings that have one right repair, and write the programs.")
+    ] = False
+    unsafe_fixes: Annotated[
+        bool, option("With --fix or --diff: also repairs that change what a program does.")
+    ] = False
+    diff: Annotated[
+        bool, option("Show the repairs and write nothing; exit code 1 if there are any.")
+    ] = False
+
+    @property
+    def wanted(self) -> bool:
+        """Whether repairs are made or shown.
+
+        Raises:
+            UsageError: ``--unsafe-fixes`` stands alone.
+        """
+        if self.unsafe_fixes and not (self.fix or self.diff):
+            message, hint = "--unsafe-fixes says which repairs are made", "add --fix or --diff"
+            raise UsageError(Diagnostic("usage", message, hint=hint))
+        return self.fix or self.diff
+
+
 def _split(listed: Sequence[str]) -> list[str]:
     """Return the items of lists that are separated by commas."""
     return [item for items in listed for item in items.split(",") if item]

@@ -1,22 +1,24 @@
-"""The work of ``cncrun format`` and ``convert``, imported when they are carried out."""
+"""The work of ``format``, ``convert`` and ``check --fix``, imported when it is carried out."""
 
 from __future__ import annotations
 
 import shutil
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from io import BytesIO
 from pathlib import Path
-from typing import IO
+from typing import IO, TextIO
 
 from cnc.cli.checking import find_programs
-from cnc.cli.options import CommonOptions, ConvertOptions
+from cnc.cli.options import CheckOptions, CommonOptions, ConvertOptions, FixOptions
 from cnc.cli.projects import options_of
 from cnc.convert.programs import convert
 from cnc.model.choices import DialectName, TextStyle
 from cnc.model.diagnostics import EXIT_REJECTED, Diagnostic, UsageError, printable, shown_name
 from cnc.report.summary import write_object
 from cnc.report.targets import BytesTarget
+from cnc.session.program_reader import readable_file
+from cnc.session.repairs import Applied, repaired
 from cnc.session.rewriting import in_form
 
 
@@ -104,6 +106,58 @@ def convert_program(
     if not quiet:
         print(*map(printable, result.summary()), sep="\n", file=sys.stderr)
     return 0
+
+
+def repair_programs(
+    names: Sequence[str],
+    common: CommonOptions,
+    options: CheckOptions,
+    fixes: FixOptions,
+    stream: TextIO,
+) -> int:
+    """Repair programs, and print each repair with its lines; return the exit code of ``--diff``.
+
+    Args:
+        names: Programs, folders and patterns.
+        common: Options of the check.
+        options: Further ones.
+        fixes: Which repairs are made, and whether they are only shown.
+        stream: Where they are printed.
+
+    Raises:
+        UsageError: A program cannot be read or written, or is standard input.
+    """
+    files = find_programs(names)
+    if "-" in files:
+        message, hint = "standard input cannot be repaired in its place", "name a file"
+        raise UsageError(Diagnostic("usage", message, hint=hint))
+    count = 0
+    for file in files:
+        chosen = options_of(file, common, options)
+        with readable_file(file) as path:
+            text = path.read_bytes()
+        run_options = chosen.check.run_options(chosen.common)
+        result = repaired(file, text, chosen.machine, run_options, unsafe=fixes.unsafe_fixes)
+        count += len(result.applied)
+        if not common.terminal.quiet:
+            for repair in result.applied:
+                print(*_shown(repair), sep="\n", file=stream)
+        if result.new != result.text and not fixes.diff:
+            _write(file, BytesIO(result.new))
+    if not common.terminal.quiet and count:
+        what = "repair" if count == 1 else "repairs"
+        print(f"{count} {what} {'to make' if fixes.diff else 'made'}", file=stream)
+    return EXIT_REJECTED if count else 0
+
+
+def _shown(repair: Applied) -> Iterator[str]:
+    """Yield a repair as text: its finding, and each line before and behind it."""
+    finding = repair.finding
+    assert finding.fix is not None
+    yield f"{finding.location()}: {finding.code}: {printable(finding.fix.title)}"
+    for line in repair.lines:
+        yield f"  - {printable(line.old)}"
+        yield from (f"  + {printable(text)}" for text in line.new.split("\n"))
 
 
 def _write(name: str, text: IO[bytes]) -> None:

@@ -159,6 +159,11 @@ def project_of(program: Path) -> Project | None:
     return _project_in(program.resolve().parent)
 
 
+def forget_projects() -> None:
+    """Read the project files again when they are needed next: one of them has changed."""
+    _project_in.cache_clear()
+
+
 @cache
 def _project_in(folder: Path) -> Project | None:
     for place in (folder, *folder.parents):

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 # Text from outside, such as names of files, shown so that it controls nothing.
 #
@@ -55,6 +55,44 @@ EXIT_BOARD = 3
 EXIT_STOPPED = 130
 
 
+class Edit(NamedTuple):
+    """A replacement in a line of the program.
+
+    Attributes:
+        column: First character that is replaced, from 1.
+        length: Number of characters; 0 inserts.
+        text: Text in their place. A line end in it adds a line.
+        line: Line from 1; 0 for the line of the finding.
+    """
+
+    column: int
+    length: int
+    text: str
+    line: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Fix:
+    """The one right repair of a finding.
+
+    Attributes:
+        title: What it does, for people.
+        edits: Replacements that belong together.
+        safe: Whether the program keeps its blocks, and no text of the author is lost.
+    """
+
+    title: str
+    edits: tuple[Edit, ...]
+    safe: bool = False
+
+    @classmethod
+    def replace(
+        cls, title: str, column: int, length: int, text: str = "", *, safe: bool = False
+    ) -> Fix:
+        """Return a repair with one edit in the line of the finding."""
+        return cls(title, (Edit(column, length, text),), safe)
+
+
 @dataclass(frozen=True, slots=True)
 class Diagnostic:
     """One finding. Control characters in the message and the hint become escapes.
@@ -69,6 +107,7 @@ class Diagnostic:
         text: Source line.
         hint: The remedy.
         severity: Severity.
+        fix: The repair; None where there is none, or more than one.
     """
 
     code: str
@@ -80,6 +119,7 @@ class Diagnostic:
     text: str = ""
     hint: str = ""
     severity: Severity = "error"
+    fix: Fix | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "message", printable(self.message))

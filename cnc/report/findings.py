@@ -11,7 +11,7 @@ from typing import Any, Literal
 from urllib.parse import quote
 from xml.etree import ElementTree
 
-from cnc.model.diagnostics import EXIT_REJECTED, Diagnostic, printable, shown_json
+from cnc.model.diagnostics import EXIT_REJECTED, Diagnostic, Fix, printable, shown_json
 from cnc.report.result import Report
 from cnc.report.targets import STANDARD_OUTPUT, TextTarget
 from cnc.version import __version__
@@ -189,7 +189,29 @@ def _result(finding: Diagnostic, codes: dict[str, int]) -> dict[str, Any]:
         if finding.line:
             location["region"] = _region(finding)
         result["locations"] = [{"physicalLocation": location}]
+        if finding.fix is not None:
+            result["fixes"] = [_fix(finding, finding.fix)]
     return result
+
+
+def _fix(finding: Diagnostic, fix: Fix) -> dict[str, Any]:
+    replacements = [
+        {
+            "deletedRegion": {
+                "startLine": edit.line or finding.line,
+                "startColumn": edit.column,
+                "endColumn": edit.column + edit.length,
+            },
+            "insertedContent": {"text": edit.text},
+        }
+        for edit in fix.edits
+    ]
+    change = {"artifactLocation": {"uri": _uri(finding.file)}, "replacements": replacements}
+    return {
+        "description": {"text": fix.title},
+        "artifactChanges": [change],
+        "properties": {"safe": fix.safe},
+    }
 
 
 def _region(finding: Diagnostic) -> dict[str, Any]:

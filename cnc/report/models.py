@@ -58,6 +58,23 @@ class PathDynamics(_Part):
     axes: dict[AxisLetter, AxisDynamics] = Field(description="The values of each axis")
 
 
+class Edit(_Part):
+    """A replacement in a line of the program."""
+
+    line: Count = Field(description="Line from 1")
+    column: Count = Field(description="First character that is replaced, from 1")
+    length: Count = Field(description="Number of characters; 0 inserts")
+    text: Text = Field(description="Text in their place; a line end adds a line")
+
+
+class Fix(_Part):
+    """The one right repair of a finding."""
+
+    title: Text = Field(description="What the repair does")
+    safe: bool = Field(description="Whether the program keeps its blocks, and no text is lost")
+    edits: list[Edit] = Field(description="Replacements that belong together")
+
+
 class Finding(_Part):
     """An error, a warning or a note."""
 
@@ -71,6 +88,7 @@ class Finding(_Part):
     column: Count = _optional("Column from 1; 0 if the finding has none")
     severity: Severity = Field(description="An error ends the program; the others do not")
     hint: Text = _optional("The remedy; empty if there is none")
+    fix: Fix = _optional("The repair; absent where there is none, or more than one")
 
 
 class Timing(_Part):
@@ -185,6 +203,18 @@ def _finding_of(finding: Diagnostic, **more: Any) -> Finding:
     )
 
 
+def _fix_of(finding: Diagnostic) -> dict[str, Fix]:
+    """Return the key of the repair of a finding, if it has one."""
+    if finding.fix is None:
+        return {}
+    edits = [
+        Edit.model_construct(**edit._replace(line=edit.line or finding.line)._asdict())
+        for edit in finding.fix.edits
+    ]
+    fix = Fix.model_construct(title=finding.fix.title, safe=finding.fix.safe, edits=edits)
+    return {"fix": fix}
+
+
 def _dynamics_of(extremes: Extremes) -> PathDynamics:
     values = {name: getattr(extremes, name) for name in LIMIT_NAMES}
     return PathDynamics.model_construct(**values, axes=extremes.axes)
@@ -224,7 +254,7 @@ def summary_of(report: Report) -> Summary:
         lines=report.lines,
         blocks=report.blocks,
         errors=[
-            _finding_of(finding, column=finding.column, hint=finding.hint)
+            _finding_of(finding, column=finding.column, hint=finding.hint, **_fix_of(finding))
             for finding in report.findings
         ],
         duration_s=report.duration_s,

@@ -20,7 +20,12 @@ from cnc.model.blocks import Block, Polyline
 from cnc.model.choices import DialectName, TextStyle
 from cnc.model.diagnostics import CncError, Diagnostic, shown_name
 from cnc.session.options import RunOptions
-from cnc.session.program_reader import display_name, readable_file, with_source_lines
+from cnc.session.program_reader import (
+    Source,
+    display_name,
+    readable_file,
+    with_source_lines,
+)
 from cnc.session.session import Session
 
 
@@ -75,10 +80,10 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def _read(session: Session) -> dict[str, str]:
-    """Read a program; return the digests of its blocks. Raises its faults."""
+def fingerprint(blocks: Iterable[Block]) -> dict[str, str]:
+    """Return the digests of blocks by their columns. Raises the faults of the program."""
     digest = _Fingerprint()
-    digest.add(session.blocks())
+    digest.add(blocks)
     return digest.digests()
 
 
@@ -96,12 +101,12 @@ class Result(NamedTuple):
 
 @contextmanager
 def in_form(
-    program: str, machine: Machine, dialect: DialectName | None, style: TextStyle
+    program: Source, machine: Machine, dialect: DialectName | None, style: TextStyle
 ) -> Iterator[Result]:
     """Give the text of a program in a style, which gives the same blocks.
 
     Args:
-        program: the file; ``-`` is standard input.
+        program: the file, ``-`` for standard input, or the program itself.
         machine: the machine that the program is for.
         dialect: how to read it; None for the machine file's choice.
         style: the style.
@@ -119,7 +124,7 @@ def in_form(
         session = Session(program, machine, options)
         session.read_from(path)
         try:
-            before = _read(session)
+            before = fingerprint(session.blocks())
         except CncError as error:
             name = display_name(program)
             raise with_source_lines([error], {name: path})[0] from None
@@ -130,8 +135,8 @@ def in_form(
                 file.write(part)
             changed = changed or source.read(1) != b""
         file.flush()
-        if changed and _read(Session(file.name, machine, options)) != before:
-            raise _differs(program)
+        if changed and fingerprint(Session(file.name, machine, options).blocks()) != before:
+            raise _differs(display_name(program))
         file.seek(0)
         yield Result(file, changed)
 

@@ -9,10 +9,14 @@ from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 
+import numpy as np
+from numpy.typing import NDArray
+
 from cnc.boards.protocols import LineSink, PulseSink
 from cnc.checks.hints import empty_program, step_rate
 from cnc.checks.portable import ProgramText, dialects_of, portability
 from cnc.checks.selection import unknown_codes
+from cnc.gcode.core.line_trace import LineTrace
 from cnc.gcode.dialects import Dialect
 from cnc.grbl_lines.grbl_timing import BoardTime
 from cnc.machine.models import Machine, Stock
@@ -328,6 +332,7 @@ class Session:
             after,
         )
         self.moved = False
+        self._plans = True
         self._kernels = KernelNeeds(self._context)
 
     def read_from(self, path: Path) -> None:
@@ -338,13 +343,29 @@ class Session:
         """Return the dialect of the program, as the check pass reads it."""
         return self._context.reader.rules()
 
-    def blocks(self) -> Iterator[Block]:
-        """Yield the canonical blocks of the program, read as in the check pass."""
+    def blocks(self, warn: Callable[[Diagnostic], None] | None = None) -> Iterator[Block]:
+        """Yield the canonical blocks of the program, read as in the check pass.
+
+        Args:
+            warn: Called with each warning and note of the language.
+        """
         context = self._context
         if context.options.tool_lengths is not None:
             context.reader.policy = reading_policy(context.options, context.reader.machine, None)
         with readable_file(self._program) as context.reader.path:
-            yield from context.reader.blocks()
+            yield from context.reader.blocks(warn)
+
+    def traced(self, trace: LineTrace) -> Iterator[Block]:
+        """Yield the canonical blocks of the program, with a mark behind each line."""
+        context = self._context
+        context.reader.policy = reading_policy(context.options, context.reader.machine, None)
+        with readable_file(self._program) as context.reader.path:
+            yield from context.reader.traced_blocks(trace)
+
+    @property
+    def start(self) -> NDArray[np.float64]:
+        """Position of the machine before the program (axes,), mm."""
+        return self._context.reader.start
 
     @property
     def parameters(self) -> Mapping[int, float]:
@@ -362,6 +383,11 @@ class Session:
         """
         observer = self._context.observer
         return self._context.reader.place_of_pause(observer.pauses, observer.paused_at)
+
+    def read(self) -> Report:
+        """Carry out the check pass alone: language and travel, and no plan."""
+        self._plans = False
+        return self.run()
 
     def run(self, board: Board | None = None, board_name: str | None = None) -> Report:
         """Check the program, then plan it and send it to the board, if there is one.
@@ -444,6 +470,8 @@ class Session:
                 self._warn(reader.warp.moved_zero(reader.saved.given))
         if not report.ok:
             self._warn(assumed_offset(report))
+            return
+        if not self._plans:
             return
         if board is None and reader.machine.stock is not None:
             self._cut_stock(reader.machine.stock)

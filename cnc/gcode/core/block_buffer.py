@@ -27,7 +27,7 @@ from cnc.model.blocks import (
     WaitInput,
     polylines_of,
 )
-from cnc.model.diagnostics import Diagnostic
+from cnc.model.diagnostics import Diagnostic, Fix
 from cnc.model.motion_commands import Commands, command_array, goes_with_motion
 
 # Place of the current line in the program text, for blocks, warnings and errors.
@@ -50,19 +50,35 @@ class SourceLocation:
         """The text of the line."""
         return self.text_of(self.line)
 
-    def report_warning(self, code: str, message: str, word: Word, hint: str = "") -> None:
-        """Report a legal but unusual word of the line."""
+    def report_warning(
+        self, code: str, message: str, word: Word, hint: str = "", fix: Fix | None = None
+    ) -> None:
+        """Report a legal but unusual word of the line, with its repair."""
         if self.warn:
-            self.warn(Diagnostic(code, message, *self._place(word), hint, severity="warning"))
+            self.warn(
+                Diagnostic(code, message, *self._place(word), hint, severity="warning", fix=fix)
+            )
 
-    def report_note(self, code: str, message: str, word: Word, hint: str = "") -> None:
-        """Report a word that does no harm and has no effect."""
+    def report_note(
+        self, code: str, message: str, word: Word, hint: str = "", fix: Fix | None = None
+    ) -> None:
+        """Report a word that does no harm and has no effect, with its repair."""
         if self.warn:
-            self.warn(Diagnostic(code, message, *self._place(word), hint, severity="note"))
+            self.warn(Diagnostic(code, message, *self._place(word), hint, severity="note", fix=fix))
 
     def _place(self, word: Word) -> tuple[str, int, int, int, str]:
         """Return file, line, column and length of a word, and the text of its line."""
         return self.file, self.line, word.column, word.length, self.text
+
+
+def without_word(word: Word, text: str) -> Fix:
+    """Return the repair that removes a word without effect, with the blanks before or behind it."""
+    begin, end = word.column - 1, word.column - 1 + word.length
+    if before := text[:begin].rstrip(" \t"):
+        begin = len(before)
+    else:
+        end = len(text) - len(text[end:].lstrip(" \t"))
+    return Fix.replace(f"remove {word.written}", begin + 1, end - begin, safe=True)
 
 
 MAX_MOVES = 4096
@@ -493,9 +509,12 @@ class UnusedWords:
                 message = (
                     f"{given.word.written} has no effect: the program ends before {_USE[letter]}"
                 )
-                self._report("word-without-effect", given, message, "remove it")
+                fix = without_word(given.word, given.text)
+                self._report("word-without-effect", given, message, "remove it", fix)
 
-    def _report(self, code: str, given: _Given, message: str, hint: str) -> None:
+    def _report(
+        self, code: str, given: _Given, message: str, hint: str, fix: Fix | None = None
+    ) -> None:
         assert self._here.warn is not None
         word = given.word
         self._here.warn(
@@ -509,5 +528,6 @@ class UnusedWords:
                 given.text,
                 hint,
                 severity="note",
+                fix=fix,
             )
         )

@@ -23,6 +23,7 @@ from cnc.gcode.reader.statements import Statement
 from cnc.gcode.reader.words import AXES, G_OF_TENTHS, MAX_NUMBER, G, LineWords, M, Word, fault
 from cnc.machine.program_codes import CodeAction, RunFile, SetOutput
 from cnc.model.blocks import BoardCommand, DigitalOutput, Stop
+from cnc.model.diagnostics import Fix
 
 _BUILDER_WORDS = "PQ"
 """Words that may stand beside a builder's M-code. Source: LinuxCNC, "M100 - M199"."""
@@ -341,13 +342,16 @@ def _refuse_exponent(statement: Statement) -> None:
                 before.length + word.length,
             )
             message = f"{whole.written}: a number has no exponent"
-            raise fault("number-exponent", message, whole, _without_exponent(before, word))
+            hint, fix = _without_exponent(whole, before, word)
+            raise fault("number-exponent", message, whole, hint, fix=fix)
 
 
-def _without_exponent(before: Word, exponent: Word) -> str:
-    """Return the hint for a number with an exponent: its digits, unless they would be too many."""
+def _without_exponent(whole: Word, before: Word, exponent: Word) -> tuple[str, Fix | None]:
+    """Return hint and repair of a number with an exponent: its digits, unless they are too many."""
     value = Decimal(before.number).scaleb(int(exponent.written[1:]))
     if abs(value) > MAX_NUMBER:
-        return f"a number is at most {MAX_NUMBER:.0f}"
+        return f"a number is at most {MAX_NUMBER:.0f}", None
     digits = f"{value:.9f}".rstrip("0").rstrip(".")
-    return f"write {before.letter}{digits}"
+    exact = f"{Decimal(before.written[1:]).scaleb(int(exponent.written[1:])):f}"
+    fix = Fix.replace("write the number out", whole.column, whole.length, before.letter + exact)
+    return f"write {before.letter}{digits}", fix

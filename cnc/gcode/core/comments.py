@@ -96,8 +96,9 @@ class CommentCommands(Executor):
         if remark.kind == MENDED:
             at = Word("(", 0.0, "(", remark.column, remark.length)
             here.report_warning(
-                "comment-mended", remark.text, at, "write comments in ( ), without brackets inside"
-            )
+                "comment-mended", remark.text, at,
+                "write comments in ( ), without brackets inside", remark.fix,
+            )  # fmt: skip
             return None
         if remark.kind == NOTED:
             if remark.text not in self._noted:

@@ -5,14 +5,16 @@ Source: LinuxCNC, "Other codes", F; "G-codes", G20 G21 and G7 G8.
 
 from __future__ import annotations
 
-from cnc.gcode.core.block_buffer import SourceLocation
+from collections.abc import Iterator
+
+from cnc.gcode.core.block_buffer import SourceLocation, without_word
 from cnc.gcode.core.modal_groups import FEED_MODES, Code, Codes, ModalState, check_feed, feed_of
 from cnc.gcode.core.motion import Motion, MotionCodes
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.reader.statements import Remark, Statement
 from cnc.gcode.reader.words import AXES, G, LineWords, Word, fault
 from cnc.gcode.turning.codes import THREADS
-from cnc.model.diagnostics import GcodeError
+from cnc.model.diagnostics import Edit, Fix, GcodeError
 from cnc.model.units import MM_PER_INCH
 
 _NO_FEED = (None, G.G0)
@@ -119,7 +121,8 @@ class FeedCodes(MotionCodes):
         if self.moving in _NO_FEED:
             word = words.rest.pop("F")
             message = f"{word.written} has no effect: under G93 it belongs to the move of its line"
-            self._here.report_note("word-without-effect", message, word)
+            fix = without_word(word, self._here.text)
+            self._here.report_note("word-without-effect", message, word, fix=fix)
 
     def _is_dwell_time(self, codes: Codes) -> bool:
         """Whether F is the time of a dwell in its line."""
@@ -149,17 +152,25 @@ def report_missing(
         here: Place of the line.
         collected: Whether the line belongs to a NURBS.
     """
-    word = _without_point(statement, dialect, collected=collected)
+    word = next(without_point(statement, dialect, collected=collected), None)
     if word is None:
         return False
     message = f"{word.written} has no decimal point: it is read as mm, inches or degrees"
     hint = f"other controls would read a thousandth of it or less: write {word.written}."
-    here.report_warning("decimal-point-missing", message, word, hint)
+    fix = Fix("write the decimal point", (point_behind(word),), safe=True)
+    here.report_warning("decimal-point-missing", message, word, hint, fix)
     return True
 
 
-def _without_point(statement: Statement, dialect: Dialect, *, collected: bool) -> Word | None:
-    """Return the first distance or angle that is not 0 and has no decimal point.
+def point_behind(word: Word, line: int = 0) -> Edit:
+    """Return the edit that writes a decimal point behind a word, in the line of the finding."""
+    return Edit(word.column + word.length, 0, ".", line)
+
+
+def without_point(
+    statement: Statement, dialect: Dialect, *, collected: bool = False
+) -> Iterator[Word]:
+    """Yield the distances and angles that are not 0 and have no decimal point.
 
     In a line that is ``collected`` for a NURBS, and in that of G6.2, only axis words are distances:
     K is a knot and R a weight. A letter of repeats counts holes, unless an arc's centre has
@@ -175,15 +186,12 @@ def _without_point(statement: Statement, dialect: Dialect, *, collected: bool) -
         letters -= {"A"}
     elif not codes.isdisjoint(_Q_IS_DISTANCE):
         letters |= {"Q"}
-    return next(
-        (
-            word
-            for word in words
-            if word.letter in letters
-            and (word.number < 0.0 or word.number > 0.0)  # a computed one is no number yet
-            and "." not in word.written
-        ),
-        None,
+    return (
+        word
+        for word in words
+        if word.letter in letters
+        and (word.number < 0.0 or word.number > 0.0)  # a computed one is no number yet
+        and "." not in word.written
     )
 
 

@@ -26,7 +26,7 @@ from cnc.gcode.reader.source_text import Place, Text, Window, lines_from
 from cnc.gcode.reader.statements import Control, Statement
 from cnc.gcode.reader.words import G, Word, fault
 from cnc.machine.program_codes import CodeAction, RunFile
-from cnc.model.diagnostics import GcodeError
+from cnc.model.diagnostics import Fix, GcodeError
 
 # The ``%`` that begins and ends a program.
 
@@ -359,7 +359,9 @@ class StepMaker:
                 else "the program ends without M2 or M30"
             )
             hint = "end it with M2 or M30, or put it between two lines of %"
-            raise flow.listing.fault(at, "program-end-missing", message, hint)
+            end = "%" if flow.percent else "M30"
+            fix = Fix.replace(f"end the program with {end}", len(text) + 1, 0, f"\n{end}")
+            raise flow.listing.fault(at, "program-end-missing", message, hint, fix)
         return None
 
     def _make(self, window: Window, line: int, index: int) -> Step | Statement:

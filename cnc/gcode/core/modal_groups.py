@@ -29,7 +29,7 @@ from cnc.model.blocks import (
     Spindle,
 )
 from cnc.model.choices import MissingPrograms, ToolLengths, UnknownCodes, WrapRule
-from cnc.model.diagnostics import GcodeError
+from cnc.model.diagnostics import Fix, GcodeError
 
 _GROUPS: dict[str, tuple[G, ...]] = {
     "motion": (
@@ -170,6 +170,7 @@ def _add(codes: Codes, group: str, code: Code, dialect: Dialect) -> None:
                 f"{code.word.written} is given twice in this line",
                 code.word,
                 "remove one",
+                fix=Fix.replace("remove one of them", code.word.column, code.word.length),
             )
         message = f"{earlier.word.written} and {code.word.written} exclude each other in a line"
         raise fault(

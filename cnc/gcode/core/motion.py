@@ -20,7 +20,7 @@ from cnc.gcode.core.modal_groups import PLAIN_MOTIONS, Code, Codes
 from cnc.gcode.kernels.rules import motion_after_cancel
 from cnc.gcode.reader.words import AXES, G, LineWords, M, Word, fault, under_compensation
 from cnc.model.blocks import ArcFeed, NurbsFeed
-from cnc.model.diagnostics import GcodeError
+from cnc.model.diagnostics import Fix, GcodeError
 
 # The motion of axis words without a motion code: at the start of a program and after G80.
 #
@@ -81,7 +81,8 @@ class AssumedMotion(Executor):
         if self.resting is not None:
             hint = f"{hint}; from here on each G80 returns to the G0 or G1 before it"
             self.restored = _STRAIGHT_WORDS
-        self._here.report_warning("motion-assumed", message, word, hint)
+        fix = Fix.replace(f"write {code.written}", word.column, 0, f"{code.written} ", safe=True)
+        self._here.report_warning("motion-assumed", message, word, hint, fix)
         self._state.motion, self._code = code, None
         return code
 

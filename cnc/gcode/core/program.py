@@ -195,15 +195,7 @@ def interpret(
             tool_tip=options.tool_tip,
         ),
     )
-    syntax = Syntax(
-        rules.flavour,
-        siemens=rules.lines.bspline,
-        dollar=rules.lines.dollar,
-        lenient=rules.lenient,
-        first_bracket=rules.lines.first_bracket,
-        dialect=rules.name,
-        variables=_defined_variables(text) if rules.flavour == "siemens" else (),
-    )
+    syntax = rules.syntax(_defined_variables(text) if rules.flavour == "siemens" else ())
     if rules.flavour == "siemens":
         from cnc.gcode.sinumerik.variables import bind_arrays  # for its programs only
 

@@ -59,7 +59,7 @@ class Library:
                 raise _outside(f"o<{name}>: the name of a subroutine cannot be a path", at)
             return None
         for folder in self.folders:
-            for file in _file_names(name):
+            for file in file_names(name):
                 # False, too, for a folder that cannot be read and for a name that is too long.
                 if os.path.isfile(folder / file):
                     return self._listing(folder, file, at)
@@ -110,7 +110,8 @@ class Library:
         return replace(self._syntax, variables=(*own, *others))
 
 
-def _file_names(name: str) -> list[str]:
+def file_names(name: str) -> list[str]:
+    """Return the names of files that a subroutine may have."""
     stems = [name]
     if name.isdigit():
         stems += [f"o{name}", f"o{name:0>4}"] if len(name) < 4 else [f"o{name}"]
@@ -252,7 +253,7 @@ class Call(ControlStep):
             )
         labels = {labels for text in texts for labels in text.definitions().subs}
         near = difflib.get_close_matches(label, labels, 1)
-        file_name = _file_names(label.strip("<>"))[0]
+        file_name = file_names(label.strip("<>"))[0]
         hint = (
             f"did you mean o{near[0]}?"
             if near

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
-from typing import Any, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 from cnc.gcode.dialects.rules import (
     Alias,
@@ -34,10 +34,13 @@ from cnc.gcode.dialects.rules import (
     VariableNumbers,
     near,
 )
-from cnc.gcode.reader.parser import Flavour
+from cnc.gcode.reader.parser import Flavour, Syntax
 from cnc.gcode.reader.words import G_OF_TENTHS, M_OF_NUMBER, G, M, Word, fault
 from cnc.model.choices import DialectName, GcodeSystem
 from cnc.model.diagnostics import Diagnostic, GcodeError, UsageError
+
+if TYPE_CHECKING:
+    from cnc.gcode.sinumerik.variables import Variables
 
 NAMES: tuple[str, ...] = get_args(DialectName)
 
@@ -73,6 +76,18 @@ class Dialect:
     def systems(self) -> int:
         """Number of coordinate systems, from G54 on."""
         return 9 if G.G59_3 in self.g else 6
+
+    def syntax(self, variables: Variables = ()) -> Syntax:
+        """Return the syntax of a program that defines some variables of SINUMERIK."""
+        return Syntax(
+            self.flavour,
+            siemens=self.lines.bspline,
+            dollar=self.lines.dollar,
+            lenient=self.lenient,
+            first_bracket=self.lines.first_bracket,
+            dialect=self.name,
+            variables=variables,
+        )
 
     def check_g(self, word: Word) -> G:
         """Return the code of a G word.

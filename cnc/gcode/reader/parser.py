@@ -30,7 +30,7 @@ from cnc.gcode.reader.lines import (
 from cnc.gcode.reader.statements import MENDED, NOTED, Remark, Statement, Translator
 from cnc.gcode.reader.syntax_errors import MACRO_KEYWORDS, O_KEYWORDS, ErrorContext, describe
 from cnc.gcode.reader.words import fault
-from cnc.model.diagnostics import Diagnostic, GcodeError
+from cnc.model.diagnostics import Diagnostic, Fix, GcodeError
 
 if TYPE_CHECKING:
     from cnc.gcode.sinumerik.variables import Names, Variables
@@ -191,6 +191,7 @@ def _siemens_line(text: str, syntax: Syntax) -> Statement:
 
 def _parse_mended(text: str, syntax: Syntax) -> Statement:
     """Parse a line; if its dialect is lenient, mend a slip that other controllers accept."""
+    written = text
     if syntax.skips_inside:
         text = as_program_start(text)
         if (slash := inner_slash(text)) is not None:
@@ -206,15 +207,44 @@ def _parse_mended(text: str, syntax: Syntax) -> Statement:
     try:
         return _parse(text, syntax)
     except GcodeError as error:
-        mended = None
+        finding, mended = error.diagnostic, None
         if syntax.lenient:
-            mended = mend(text, error.diagnostic)
+            mended = mend(text, finding)
         elif syntax.first_bracket:
-            mended = to_first_bracket(text, error.diagnostic)
+            mended = to_first_bracket(text, finding)
         if mended is None:
-            raise
+            # Columns count in the text as it is written.
+            fix = finding.fix or _fix(text, mend(text, finding), finding.code)
+            fix = fix if len(text) == len(written) else None
+            raise GcodeError(replace(finding, fix=fix)) from None
     statement = _parse(mended.text, syntax)
-    return replace(statement, remarks=(*statement.remarks, mended.remark))
+    fix = _fix(text, mended, finding.code, safe=True) if len(text) == len(written) else None
+    return replace(statement, remarks=(*statement.remarks, replace(mended.remark, fix=fix)))
+
+
+_TITLES = {
+    "comment-nested": "write other brackets inside the comment",
+    "comment-not-closed": "close the comment",
+}
+
+
+def _fix(text: str, mended: Mended | None, code: str, *, safe: bool = False) -> Fix | None:
+    """Return the edit that leads from a line with an error to its repaired form."""
+    if mended is None:
+        return None
+    new = mended.text
+    begin = _alike(text, new)
+    end = _alike(text[begin:][::-1], new[begin:][::-1])
+    title = _TITLES.get(code, "write the text as a comment")
+    return Fix.replace(
+        title, begin + 1, len(text) - end - begin, new[begin : len(new) - end], safe=safe
+    )
+
+
+def _alike(a: str, b: str) -> int:
+    """Return the number of first characters that two texts share."""
+    pairs = enumerate(zip(a, b, strict=False))
+    return next((at for at, pair in pairs if pair[0] != pair[1]), min(len(a), len(b)))
 
 
 def _parse(text: str, syntax: Syntax) -> Statement:

@@ -28,7 +28,7 @@ from cnc.gcode.reader.lines import KLARTEXT, MAX_LINE, NGC, Language, Positions,
 from cnc.gcode.reader.parser import MEMO, Syntax, inner_slash, parse_line
 from cnc.gcode.reader.statements import Control, Statement, squeezed
 from cnc.gcode.reader.words import Word, fault
-from cnc.model.diagnostics import CncError, Diagnostic, GcodeError, UsageError
+from cnc.model.diagnostics import CncError, Diagnostic, Fix, GcodeError, UsageError
 
 WINDOW_BYTES = 1 << 18
 KEPT_WINDOWS = 4
@@ -628,10 +628,12 @@ class LineIndex:
         """Return an error at a control line."""
         return self.fault(Place(line, control.column, control.length), code, message, hint)
 
-    def fault(self, at: Place, code: str, message: str, hint: str = "") -> CncError:
-        """Return an error at a place of this text."""
+    def fault(
+        self, at: Place, code: str, message: str, hint: str = "", fix: Fix | None = None
+    ) -> CncError:
+        """Return an error at a place of this text, with its repair."""
         return self.placed(
-            fault(code, message, hint=hint, column=at.column, length=at.length), at.line
+            fault(code, message, hint=hint, column=at.column, length=at.length, fix=fix), at.line
         )
 
     def control(self, line: int) -> Control:

@@ -17,6 +17,7 @@ from cnc.gcode.reader.expressions import Builder, Node, ParameterNode, constant
 from cnc.gcode.reader.lines import Reading
 from cnc.gcode.reader.parameters import Parameters
 from cnc.gcode.reader.words import MAX_NUMBER, Word, fault, is_line_number
+from cnc.model.diagnostics import Fix
 
 # Statements: parsed lines whose values have not been computed yet.
 #
@@ -68,12 +69,16 @@ NOTED = "noted"
 
 @dataclass(frozen=True, slots=True)
 class Remark:
-    """A command in a comment. ``kind`` is its first word in lower case: msg, debug, print, .."""
+    """A command in a comment. ``kind`` is its first word in lower case: msg, debug, print, ..
+
+    ``fix`` is the repair of the line, where the remark reports one.
+    """
 
     kind: str
     text: str
     column: int
     length: int
+    fix: Fix | None = None
 
 
 @dataclass(frozen=True, slots=True)

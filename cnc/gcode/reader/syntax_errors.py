@@ -15,7 +15,7 @@ from collections.abc import Iterable
 
 from cnc.gcode.reader.expressions import FUNCTIONS, MACRO_FUNCTIONS, MACRO_OPERATORS, OPERATORS
 from cnc.gcode.reader.words import fault
-from cnc.model.diagnostics import GcodeError
+from cnc.model.diagnostics import Fix, GcodeError
 
 # The place in a line at which the grammar stopped, for the functions that describe the error.
 
@@ -63,6 +63,14 @@ _TYPOGRAPHIC = {
     "\uff09": "a ) with its (",
 }
 """Characters of word processors that stand for one of G-code."""
+_MEANT = {"a minus": "-", "a plain": " ", "nothing": "", "a decimal": "."}
+_PLAIN = {
+    char: plain
+    for char, meaning in _TYPOGRAPHIC.items()
+    for begin, plain in _MEANT.items()
+    if meaning.startswith(begin)
+}
+"""The character that is meant, where it is certain."""
 DIGITS = "0123456789."
 LETTERS = re.compile(r"[A-Z]+")
 
@@ -139,7 +147,13 @@ class ErrorContext:
                 self.open.pop()
 
     def fault(
-        self, code: str, message: str, begin: int | None = None, end: int = 0, hint: str = ""
+        self,
+        code: str,
+        message: str,
+        begin: int | None = None,
+        end: int = 0,
+        hint: str = "",
+        fix: tuple[str, str] | None = None,
     ) -> GcodeError:
         """Return an error.
 
@@ -149,11 +163,13 @@ class ErrorContext:
             begin: Position of the faulty part; by default the place at which the grammar stopped.
             end: End of the faulty part; by default it is one character long.
             hint: Hint.
+            fix: Title of the repair, and the text in place of the faulty part.
         """
         begin = min(self.at, len(self.text) - 1) if begin is None else begin
         first = self.columns[begin]
         length = self.columns[end - 1] + 1 - first if end > begin else 1
-        return fault(code, message, column=first + 1, length=length, hint=hint)
+        repair = fix and Fix.replace(fix[0], first + 1, length, fix[1])
+        return fault(code, message, column=first + 1, length=length, hint=hint, fix=repair or None)
 
     def last(self, back: int = 1) -> str:
         """Return a token before the place, the last by default; empty if there is none."""
@@ -171,10 +187,11 @@ class ErrorContext:
         """Return the error for a character that the language does not have."""
         char = self.char
         if char == "," and self.text[self.at + 1 : self.at + 2].isdigit():
-            hint = "write a decimal point"
-            return self.fault("character-unknown", "a decimal comma is not G-code", hint=hint)
+            message, hint = "a decimal comma is not G-code", "write a decimal point"
+            return self.fault("character-unknown", message, hint=hint, fix=(hint, "."))
         message, hint = about_character(char)
-        return self.fault("character-unknown", message, hint=hint)
+        fix = (hint, _PLAIN[char]) if char in _PLAIN else None
+        return self.fault("character-unknown", message, hint=hint, fix=fix)
 
 
 def about_character(char: str) -> tuple[str, str]:
@@ -546,7 +563,8 @@ def operator(context: ErrorContext) -> GcodeError:
     if not char or char == ";":
         return context.fault("bracket-not-closed", "this [ is not closed", begin, hint="add a ]")
     if char == "=":
-        return context.fault("equals-place", "= is not a comparison", hint="use EQ")
+        message, hint = "= is not a comparison", "use EQ"
+        return context.fault("equals-place", message, hint=hint, fix=("write EQ", "EQ"))
     if char == "(":
         return context.fault(
             "comment-place", "a comment is not allowed inside an expression", hint="use [ ] there"
@@ -562,7 +580,10 @@ def operator(context: ErrorContext) -> GcodeError:
     if char in _OPERATOR_OF:
         meant = _OPERATOR_OF[char]
         hint = f"write {meant}" if meant in context.operators else ""
-        return context.fault("operator-unknown", f"there is no operator {char}", hint=hint)
+        # Signs of two characters, such as <=, have other meanings.
+        alone = context.text[context.at + 1 : context.at + 2] not in ("=", "<", ">", char)
+        fix = (hint, meant) if hint and alone else None
+        return context.fault("operator-unknown", f"there is no operator {char}", hint=hint, fix=fix)
     if char in "*" and context.macro:
         return context.fault(
             "operator-unknown",
@@ -632,7 +653,7 @@ def foreign_comment(context: ErrorContext) -> GcodeError | None:
     if not text[1].isalpha() and columns[1] == columns[0] + 1:
         return None
     message = "# does not begin a comment in G-code"
-    return context.fault("comment-mark", message, 0, 1, _COMMENTS)
+    return context.fault("comment-mark", message, 0, 1, _COMMENTS, ("write ; before it", ";"))
 
 
 def _of_part(context: ErrorContext) -> GcodeError | None:
@@ -806,6 +827,7 @@ def between_words(context: ErrorContext) -> GcodeError:
             context.at,
             len(context.text),
             hint="remove the checksums, or use --dialect marlin",
+            fix=("remove the checksum", ""),
         )
     if char and char in "+-*/" and last:
         return context.fault(
@@ -829,7 +851,10 @@ def between_words(context: ErrorContext) -> GcodeError:
             if "=" in context.text
             else "a word is a letter and a number, such as X10"
         )
+        fix = None
         if number := _ZERO_FOR_O.fullmatch(context.text):
             hint = f"a program number begins with the letter O, and not with a zero: O{number[1]}"
-        return context.fault("letter-missing", f"{part} without a letter before it", hint=hint)
+            fix = ("write the letter O", "O")
+        message = f"{part} without a letter before it"
+        return context.fault("letter-missing", message, hint=hint, fix=fix)
     return context.unknown_character()

@@ -15,7 +15,7 @@ from enum import IntEnum
 from typing import NoReturn
 
 from cnc.gcode.kernels import rules
-from cnc.model.diagnostics import Diagnostic, GcodeError
+from cnc.model.diagnostics import Diagnostic, Fix, GcodeError
 
 MAX_NUMBER, NEAR_WHOLE = rules.MAX_NUMBER, rules.NEAR_WHOLE
 AXES = frozenset("XYZABCUVW")
@@ -74,14 +74,15 @@ def fault(
     *,
     column: int = 0,
     length: int = 1,
+    fix: Fix | None = None,
 ) -> GcodeError:
-    """Return an error at a word or a column of the current line.
+    """Return an error at a word or a column of the current line, with its repair.
 
     The interpreter adds file, line and text.
     """
     if word is not None:
         column, length = word.column, word.length
-    return GcodeError(Diagnostic(code, message, column=column, length=length, hint=hint))
+    return GcodeError(Diagnostic(code, message, column=column, length=length, hint=hint, fix=fix))
 
 
 def under_compensation(at: Word, hint: str = "give G40 and a move before") -> GcodeError:
