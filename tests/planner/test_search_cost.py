@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
+from cnc.api import from_text, plan
 from cnc.model.blocks import PathMode
 from cnc.path.chunk import PathChunk
 from cnc.planner import known_path as intervals_module
+from cnc.planner import phases as phases_module
 from cnc.planner.kernels import fastest, refine
 from cnc.planner.kernels.cells import Stretch, describe, plan_cells
 from cnc.planner.kernels.descent import TOUCH, centre
@@ -58,6 +60,34 @@ def test_the_descent_does_not_begin_anew_where_a_limit_is_exceeded(seed, monkeyp
     # Only motions of the last step are examined, the last of them with success.
     assert len(used) == weights.count(fastest.LAST_WEIGHT)
     assert used[-1] <= 1.0 + TOUCH
+
+
+def test_each_window_of_a_chain_with_many_feeds_has_a_result(monkeypatch):
+    """The plan is at its feed where a window ends: there the window uses all of the limits.
+
+    A window without a result takes eight times as long as another one.
+    """
+    random, angles = np.random.default_rng(4), 0.01 * np.arange(1400)
+    text = ["G21 G90 G94 G64 P0.01", "F1000"]
+    for t in angles:
+        feed = random.uniform(700.0, 1300.0)
+        x, y = 100.0 + 40.0 * np.cos(t), 100.0 + 40.0 * np.sin(1.3 * t)
+        text.append(f"G1 X{x:.3f} Y{y:.3f} F{feed:.1f}")
+    solved = []
+    search = refine.fastest
+
+    def counted(*arguments):
+        found = search(*arguments)
+        solved.append(found[0])
+        return found
+
+    monkeypatch.setattr(refine, "fastest", counted)
+    monkeypatch.setattr(refine, "refine_stretch", refine.refine_stretch.py_func)
+    monkeypatch.setattr(phases_module, "refine", refine.refine.py_func)
+    for _ in plan(from_text("\n".join([*text, "M2"]))):
+        pass
+    assert len(solved) > 20, "the case shows nothing"
+    assert all(solved)
 
 
 @pytest.mark.parametrize("stop", [None, 20])
