@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import field
+from operator import mul
 from typing import NamedTuple
 
 import numpy as np
@@ -477,6 +478,7 @@ class Fitter:
         self._choice = Choice(frame, tolerance) if offers_corners else None
         self._frame = frame
         self._classes = frame.classes
+        self._kinds = frame.classes.tolist()
         self._tolerance = tolerance
         self.curved = curved
         self._begin(position.copy(), 0)
@@ -570,10 +572,11 @@ class Fitter:
 
         Moves that are shorter than a corner's legs are left to the chain.
         """
-        a, b = before[self._classes == 0], after[self._classes == 0]
-        sizes = float(np.linalg.norm(a)), float(np.linalg.norm(b))
+        a = [value for value, kind in zip(before.tolist(), self._kinds, strict=True) if kind == 0]
+        b = [value for value, kind in zip(after.tolist(), self._kinds, strict=True) if kind == 0]
+        sizes = math.hypot(*a), math.hypot(*b)
         long = min(sizes) >= LEGS * self._tolerance
-        return long and float(a @ b) < math.cos(SHARPEST) * sizes[0] * sizes[1]
+        return long and sum(map(mul, a, b)) < math.cos(SHARPEST) * sizes[0] * sizes[1]
 
     def _keeps_middle(self, arc: Arc) -> bool:
         """Return whether an arc is so long that its middle stays exact."""

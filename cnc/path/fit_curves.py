@@ -113,7 +113,11 @@ class Arc:
 
     def direction(self, part: float) -> Floats:
         """Return the direction (n,) at ``part`` of the sweep; its length is that of the arc."""
-        direction: Floats = self.derivatives(part, 1)[1]
+        direction: Floats = self.end - self.start
+        angle, radius = self.angle + part * self.sweep, self.radius + part * self.grown
+        cosine, sine = math.cos(angle), math.sin(angle)
+        direction[self.plane[0]] = self.grown * cosine - self.sweep * radius * sine
+        direction[self.plane[1]] = self.grown * sine + self.sweep * radius * cosine
         return direction
 
     def between(self, first: float, last: float) -> Arc:
@@ -167,11 +171,11 @@ def arc_of(block: ArcFeed, position: Floats, frame: Frame) -> Arc | None:
     Raises:
         GcodeError: ``not-finite``.
     """
-    numbers = np.array([*block.center, block.radius, block.turns])
-    check_finite(block, block.end, numbers, np.array(block.feed))
+    end = np.array(block.end, np.float64)
+    numbers = [*end.tolist(), *block.center, block.radius, block.turns, block.feed]
+    check_finite(block, np.array(numbers))
     first, second = PLANE_AXES[block.plane]
     i, j = frame.axes.index(first), frame.axes.index(second)
-    end = np.array(block.end, np.float64)
     x0, y0 = float(position[i]) - block.center[0], float(position[j]) - block.center[1]
     x1, y1 = float(end[i]) - block.center[0], float(end[j]) - block.center[1]
     r0, r1 = math.hypot(x0, y0), math.hypot(x1, y1)

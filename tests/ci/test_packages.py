@@ -51,6 +51,58 @@ def test_a_wheel_with_compiled_kernels_is_for_one_platform(
     assert {name.split("/")[-1].split("-")[0] for name in tables} == set(NAMES)
 
 
+RUNS = [
+    ["check", "programs/trident.nc"],
+    ["check", "programs/finishing.nc"],
+    ["check", "programs/ngc-nurbs.nc"],
+    ["check", "programs/pocket.nc", "--machine", "config/corexy.toml"],
+    ["check", "programs/pocket.nc", "--machine", "config/delta.toml"],
+    ["check", "programs/pocket.nc", "--stock", "X0:100,Y0:60,Z-12:0"],
+    ["run", "programs/pocket.nc", "--quiet"],
+    ["run", "programs/pocket.nc", "--board", "grbl-sim", "--quiet"],
+    ["run", "programs/pocket.nc", "--machine", "config/klipper-uno.toml", "--board", "klipper-sim"],
+    ["view", "programs/trident.nc", "--output", "PLACE/trident.html"],
+    ["convert", "programs/finishing.nc", "--to", "fanuc", "--curves", "nurbs", "-o", "PLACE/a.nc"],
+    ["format", "programs/trident.nc", "--check"],
+]
+"""Commands that use most kernels together. PLACE stands for a folder."""
+
+
+@pytest.mark.soak
+def test_a_released_wheel_compiles_nothing(tmp_path: Path) -> None:
+    """As ``make wheel`` builds it. The folder of a user's compiled code stays empty."""
+    compiled, cache = tmp_path / "compiled", tmp_path / "cache"
+    environment = os.environ | {"NUMBA_CPU_NAME": "generic", "NUMBA_CACHE_DIR": str(compiled)}
+    warm = [sys.executable, "-m", "cnc.cli", "warm", "--quiet"]
+    subprocess.run(warm, cwd=ROOT, env=environment, check=True, timeout=3000)
+    command = [sys.executable, "-m", "hatchling", "build", "-d", str(tmp_path / "d"), "-t", "wheel"]
+    building = os.environ | {"CNC_COMPILED": str(compiled)}
+    subprocess.run(command, cwd=ROOT, env=building, check=True, capture_output=True, timeout=600)
+    (file,) = (tmp_path / "d").iterdir()
+    with zipfile.ZipFile(file) as archive:
+        archive.extractall(tmp_path / "site")
+    for arguments in RUNS:
+        done = subprocess.run(
+            [sys.executable, "-P", "-m", "cnc.cli"]
+            + [argument.replace("PLACE", str(tmp_path)) for argument in arguments],
+            cwd=ROOT,
+            env=os.environ
+            | {
+                "PYTHONPATH": str(tmp_path / "site"),
+                "XDG_CACHE_HOME": str(cache),
+                "XDG_STATE_HOME": str(tmp_path / "state"),
+                "NUMBA_CACHE_DIR": "",
+            },
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=600,
+        )
+        assert done.returncode in (0, 1), (arguments, done.stderr)
+        assert "compiling" not in done.stderr, (arguments, done.stderr)
+    assert not list(cache.rglob("*.code"))
+
+
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return _built("wheel", tmp_path_factory.mktemp("wheel"))
