@@ -18,7 +18,7 @@ UsageError and MachineFileError.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -144,18 +144,24 @@ def parse(
 
 
 def plan(
-    program: Program, machine: MachineChoice = None, *, dialect: DialectName | None = None
+    program: Program | Iterable[Block],
+    machine: MachineChoice = None,
+    *,
+    dialect: DialectName | None = None,
 ) -> Iterator[PlanChunk | Block]:
-    """Yield the jerk-limited plan of a program file, with the blocks between the moves, in order.
+    """Yield the jerk-limited plan of a program, with the blocks between the moves, in order.
 
-    The arguments are those of :func:`parse`.
+    The arguments are those of :func:`parse`; in place of a program there may be its blocks, in
+    machine coordinates. :meth:`PlanChunk.line_times` and :meth:`PlanChunk.positions` give times and
+    places of a part of the plan.
 
     Raises:
         MotionLimitError: Where the motion breaks a limit of the machine.
         GcodeError, UsageError, MachineFileError: As :func:`parse`.
     """
     known = _loaded(machine)
-    blocks = parse(program, known, dialect=dialect)
+    is_program = isinstance(program, str | Path | InlineProgram)
+    blocks = parse(program, known, dialect=dialect) if is_program else program
     yield from LookAhead(known).plan(path_of(blocks, known, start_position(known)))
 
 

@@ -210,9 +210,6 @@ def _plain(value: float) -> str:
 LATE = "the machine has to speed up and slow down, or keeps a limit: give a smaller F"
 EARLY = "a blend or a fit (G64) shortens the path of the block: use a smaller tolerance, or G61"
 
-HALVINGS = 50
-"""Halvings of a phase when a time is searched: more than the digits of a float."""
-
 
 class BlockTimes:
     """Compares the times of blocks in a plan with those of their F words.
@@ -234,12 +231,8 @@ class BlockTimes:
         """Yield a note for each block that has ended before an item, and takes another time."""
         if not isinstance(item, PlanChunk) or not item.path.timed:
             return
-        at = np.clip(item.piece_s, item.phase_s[0], item.phase_s[-1])
-        taken = np.diff(times_at(item, at))
-        file, lines = item.path.file, item.path.line
-        begins = np.flatnonzero(np.diff(lines, prepend=lines[0] - 1))
-        sums = zip(lines[begins].tolist(), np.add.reduceat(taken, begins).tolist(), strict=True)
-        for line, actual in sums:
+        file = item.path.file
+        for line, actual in item.line_times():
             if (file, line) != self._place:
                 yield from self._ended((file, line))
             self._wanted += self._due.at((file, line))
@@ -262,18 +255,3 @@ class BlockTimes:
         # Blocks without a piece at the start of the plan count as part of the first one.
         self._wanted = between if self._place is None else 0.0
         self._place, self._taken = following, 0.0
-
-
-def times_at(plan: PlanChunk, s: Floats) -> Floats:
-    """Return the times from the start of a plan chunk at which it reaches arc lengths (m,), mm."""
-    phase = np.searchsorted(plan.phase_s, s, side="right") - 1
-    phase = np.clip(phase, 0, len(plan.phase_j) - 1)
-    v, a, j = plan.phase_v[phase], plan.phase_a[phase], plan.phase_j[phase]
-    ahead = s - plan.phase_s[phase]
-    low, high = np.zeros(len(s)), np.diff(plan.phase_t)[phase]
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        before = middle * (v + middle * (0.5 * a + middle * j / 6.0)) < ahead
-        low, high = np.where(before, middle, low), np.where(before, high, middle)
-    found: Floats = plan.phase_t[phase] + high
-    return found

@@ -13,12 +13,16 @@ from numpy.typing import NDArray
 from cnc.model.blocks import Block, Dwell
 from cnc.model.motion_commands import joined
 from cnc.path.chunk import PathChunk
-from cnc.path.kernels.curve import LENGTH, LINE, START, Pieces
+from cnc.path.kernels.arclength import curve_inv_arclen
+from cnc.path.kernels.curve import LENGTH, LINE, START, Pieces, curve_eval
 from cnc.planner.kernels.arrays import PlanArrays
 from cnc.planner.kernels.corner_places import state_at
 from cnc.planner.kernels.legs import REST, record_end, write_line
 
 Floats = NDArray[np.float64]
+
+BISECTIONS = 60
+"""Halvings of a phase until its time is exact to rounding."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +57,52 @@ class PlanChunk:
     def duration(self) -> float:
         """Time from the first to the last end of a phase, s."""
         return float(self.phase_t[-1])
+
+    def times_at(self, places: Floats) -> Floats:
+        """Return the times from t0 (n,), s, at which the motion reaches arc lengths (n,), mm.
+
+        Those outside the motion give its nearest end.
+        """
+        k = np.clip(
+            np.searchsorted(self.phase_s, places, side="right") - 1, 0, len(self.phase_j) - 1
+        )
+        v, a, j = self.phase_v[k], self.phase_a[k], self.phase_j[k]
+        ahead = places - self.phase_s[k]
+        low, high = np.zeros(len(places)), self.phase_t[k + 1] - self.phase_t[k]
+        for _ in range(BISECTIONS):
+            middle = 0.5 * (low + high)
+            short = middle * (v + middle * (0.5 * a + middle * j / 6.0)) < ahead
+            low, high = np.where(short, middle, low), np.where(short, high, middle)
+        times: Floats = self.phase_t[k] + low
+        return times
+
+    def line_times(self) -> list[tuple[int, float]]:
+        """Return the source lines of the path in order, each with the time that it takes, s.
+
+        A line may go on in the next part of the plan, with further time.
+        """
+        at = np.clip(self.piece_s, self.phase_s[0], self.phase_s[-1])
+        taken, lines = np.diff(self.times_at(at)), self.path.line
+        begins = np.flatnonzero(np.diff(lines, prepend=lines[0] - 1))
+        sums = np.add.reduceat(taken, begins)
+        return list(zip(lines[begins].tolist(), sums.tolist(), strict=True))
+
+    def positions(self, times: Floats) -> Floats:
+        """Return the positions (n, axes), mm or degrees, at times (n,) from t0, s.
+
+        The columns are those of the path: the axes, or tool tip and joints.
+        """
+        path, out = self.path, np.empty((len(times), 4, len(self.path.axes)))
+        phases = np.clip(
+            np.searchsorted(self.phase_t, times, side="right") - 1, 0, len(self.phase_j) - 1
+        )
+        for number, (time, k) in enumerate(zip(times.tolist(), phases.tolist(), strict=True)):
+            s = min(max(state_at(time, k, self.arrays)[0], 0.0), float(self.piece_s[-1]))
+            piece = int(np.searchsorted(self.piece_s[1:-1], s, side="right"))
+            kind, at = int(path.kind[piece]), int(path.at[piece])
+            u = curve_inv_arclen(kind, path.data, at, s - float(self.piece_s[piece]))
+            curve_eval(kind, path.data, at, u, out[number])
+        return out[:, 0]
 
     @property
     def arrays(self) -> PlanArrays:

@@ -30,8 +30,6 @@ from cnc.planner.plan import PlanChunk, RunClock
 
 SAME_PLACE = 1e-9
 """mm. A slice of a plan that begins this near to a piece begins at the piece."""
-BISECTIONS = 60
-"""Halvings of a phase until its time is exact to rounding."""
 
 
 class CommandsInMotion:
@@ -57,7 +55,7 @@ class CommandsInMotion:
         assert chunk.path.commands is not None
         starts = chunk.piece_s[places]
         last = float(chunk.phase_s[-1]) - SAME_PLACE
-        times = times_at(chunk, starts)
+        times = chunk.times_at(starts)
         for place, start, time in zip(places, starts.tolist(), times.tolist(), strict=True):
             blocks = chunk.path.commands[place]
             if start < last and blocks is not self._last:
@@ -87,29 +85,6 @@ class CommandsInMotion:
         time_ns, blocks = self._due.popleft()
         for block in blocks:
             self._carry_out(block, time_ns)
-
-
-def times_at(chunk: PlanChunk, places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the times at which a plan reaches places of its path.
-
-    Args:
-        chunk: The plan.
-        places: Arc lengths (n,), mm; those outside the plan give its nearest end.
-
-    Returns:
-        Times from ``chunk.t0`` (n,), s.
-    """
-    last = len(chunk.phase_j) - 1
-    k = np.clip(np.searchsorted(chunk.phase_s, places, side="right") - 1, 0, last)
-    v, a, j = chunk.phase_v[k], chunk.phase_a[k], chunk.phase_j[k]
-    ahead = places - chunk.phase_s[k]
-    low, high = np.zeros(len(places)), chunk.phase_t[k + 1] - chunk.phase_t[k]
-    for _ in range(BISECTIONS):
-        middle = 0.5 * (low + high)
-        short = middle * (v + middle * (0.5 * a + middle * j / 6.0)) < ahead
-        low, high = np.where(short, middle, low), np.where(short, high, middle)
-    times: NDArray[np.float64] = chunk.phase_t[k] + low
-    return times
 
 
 def _part(chunk: PulseChunk, rows: slice) -> PulseChunk:

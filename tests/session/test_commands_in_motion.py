@@ -19,7 +19,7 @@ from cnc.model.streams import PulseChunk
 from cnc.path.build import build
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
-from cnc.session.run_pulses import Progress, times_at
+from cnc.session.run_pulses import Progress
 from cnc.simulators.grbl.grbl_simulator import GrblSimulator
 from cnc.simulators.grbl.ports import GrblSimulatorPort
 from tests.support.gcode.gcode_cases import read
@@ -217,7 +217,7 @@ def test_times_of_places_invert_the_plan(moves: list[tuple[float, float]]) -> No
     for item in LookAhead(MILL).plan(build([block], axes=("x", "y", "z"), start=np.zeros(3))):
         assert isinstance(item, PlanChunk)
         places = np.linspace(float(item.phase_s[0]), float(item.phase_s[-1]), 50)
-        times = times_at(item, places)
+        times = item.times_at(places)
         k = np.clip(
             np.searchsorted(item.phase_t, times, side="right") - 1, 0, len(item.phase_j) - 1
         )

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cnc.api import PlanChunk, check, from_points, from_text, load_machine, plan, run
+from cnc.api import PlanChunk, check, from_points, from_text, load_machine, parse, plan, run
 from cnc.boards.loopback import Loopback
 from cnc.model.diagnostics import UsageError
 
@@ -30,6 +30,30 @@ def test_points_are_reached_in_their_order(tmp_path: Path, monkeypatch: pytest.M
     np.testing.assert_array_equal(board.position_steps, np.rint(POINTS[-1] * steps_per_mm))
     # A program without a file leaves none behind.
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_plan_of_blocks_has_times_of_lines_and_positions() -> None:
+    """Lines of 30 and 40 mm at 20 mm/s, far above the ramps; positions by numeric integration."""
+    text = "G21 G90 G61\nF1200\nG1 X30\nG1 Y40\nM2\n"
+    blocks = list(parse(from_text(text)))
+    chunks = [item for item in plan(blocks) if isinstance(item, PlanChunk)]
+    expected = [item for item in plan(from_text(text)) if isinstance(item, PlanChunk)]
+    assert [item.duration for item in chunks] == [item.duration for item in expected]
+    times: dict[int, float] = {}
+    for item in chunks:
+        for line, seconds in item.line_times():
+            times[line] = times.get(line, 0.0) + seconds
+    assert sum(times.values()) == pytest.approx(chunks[-1].t0 + chunks[-1].duration)
+    assert 1.5 < times[3] < 1.8
+    assert 2.0 < times[4] < 2.3
+    for item in chunks:
+        t = np.linspace(0.0, item.duration, 2001)
+        places = item.positions(t)
+        speed = np.linalg.norm(np.gradient(places, t, axis=0), axis=1)
+        assert speed.max() == pytest.approx(20.0, rel=1e-3)
+        length = float(item.phase_s[-1] - item.phase_s[0])
+        assert np.linalg.norm(np.diff(places, axis=0), axis=1).sum() == pytest.approx(length)
+    np.testing.assert_allclose(places[-1], [30.0, 40.0, 0.0], atol=1e-9)
 
 
 def test_a_fault_of_a_text_is_shown_with_its_line() -> None:
