@@ -288,7 +288,7 @@ class ArcMoves(Executor):
                 if axis in "xyz" and index not in plane
             )
         )
-        length = arc.length(rise) * (coordinates.figure.scale(plane) or 1.0)
+        length = arc.length(rise) * (coordinates.transform.scale(plane) or 1.0)
         feed = mover.feed(words, end, length, at)
         knots, points, weights = spline_of(arc, start, to, plane, coordinates.to_machine)
         points[0], points[-1] = mover.position, end
@@ -321,7 +321,7 @@ class ArcMoves(Executor):
         if not 0.0 < word.number < 360.0 or chord == 0.0:
             message = f"{word.number:g}: an arc has more than 0 and less than 360 degrees"
             raise fault("arc-angle", message, word)
-        factor = 1.0 if tilted else coordinates.figure.scale(plane) or 1.0
+        factor = 1.0 if tilted else coordinates.transform.scale(plane) or 1.0
         radius = chord / (2.0 * math.sin(math.radians(word.number) / 2.0))
         radius *= -1.0 if word.number > 180.0 else 1.0
         return Word(
@@ -351,7 +351,7 @@ class ArcMoves(Executor):
     def _tilted(self, plane: tuple[int, int]) -> bool:
         """Return whether a rotation tilts a plane of the program."""
         coordinates = self._axis_words.coordinates
-        tilted = coordinates.figure.plane not in (None, plane)
+        tilted = coordinates.transform.plane not in (None, plane)
         return tilted or (coordinates.rotation != 0.0 and self._state.plane != "XY")
 
     def _columns(self, at: Word, what: str) -> tuple[int, int]:
@@ -382,8 +382,8 @@ class ArcMoves(Executor):
         tolerance = self._dialect.arcs.mm if state.scale == 1.0 else self._dialect.arcs.inch
         i, j = plane
         coordinates = self._axis_words.coordinates
-        figure, tilted = coordinates.figure, self._tilted(plane)
-        factor = figure.scale(plane)
+        transform, tilted = coordinates.transform, self._tilted(plane)
+        factor = transform.scale(plane)
         if factor is None:
             message = f"{word.written}: an arc under different factors of G51 would be an ellipse"
             raise fault("scaling-arc", message, word, "give both axes of the plane one factor")
@@ -391,7 +391,7 @@ class ArcMoves(Executor):
             position, end = coordinates.to_program(position), coordinates.to_program(end)
         radius *= 1.0 if tilted else factor
         here, there = (position[i], position[j]), (end[i], end[j])
-        clockwise = (motion is _CLOCKWISE) != (figure.mirrors(plane) and not tilted)
+        clockwise = (motion is _CLOCKWISE) != (transform.mirrors(plane) and not tilted)
         if offsets is None:
             if self._dialect.arcs.as_grbl and math.dist(here, there) > SAME_POINT:
                 self._check_single_precision(here, there, radius * state.scale, word)

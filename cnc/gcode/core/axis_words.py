@@ -335,7 +335,7 @@ class AxisWords(Executor):
         if not POLAR.isdisjoint(words.rest):
             self._polar(words, user, values)
         if user in _POLAR_USERS and values and not self._machine_words:
-            if self.coordinates.figure_is_new:
+            if self.coordinates.transform_is_new:
                 self._check_first_point(words, values)
             if self.polar.plane is not None:
                 self._polar_mode(values, self.polar.plane)
@@ -343,7 +343,7 @@ class AxisWords(Executor):
 
     def _check_first_point(self, words: LineWords, values: dict[int, float]) -> None:
         """Refuse one axis of a new rotation: controllers differ on the other one's coordinate."""
-        plane = self.coordinates.figure.plane
+        plane = self.coordinates.transform.plane
         given = [index for index in plane or () if index in values]
         if len(given) == 1 and self._state.absolute:
             letter = self.axes[given[0]].upper()
@@ -354,7 +354,7 @@ class AxisWords(Executor):
                 "give both axes of the plane",
             )
         if given and self._state.absolute:
-            self.coordinates.figure_is_new = False
+            self.coordinates.transform_is_new = False
 
     def in_polar_mode(self, values: dict[int, float]) -> bool:
         """Return whether values by column have a radius or an angle of G16."""

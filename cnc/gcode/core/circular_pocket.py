@@ -54,7 +54,7 @@ class CircularPocket(MotionCodes):
         ):
             word = words.rest[extra]
             raise fault("word-unused", f"{name} takes I only, not {word.written}", word)
-        clockwise = (state.motion is G.G12) != motion.coordinates.figure.mirrors(
+        clockwise = (state.motion is G.G12) != motion.coordinates.transform.mirrors(
             motion.arcs.plane_columns(at, name)
         )
         radii = self._radii(words, name, at)
@@ -77,7 +77,7 @@ class CircularPocket(MotionCodes):
     def _radii(self, words: LineWords, name: str, at: Word) -> list[float]:
         """Radii of the path of the tool's centre, mm, ascending."""
         scale = self._state.scale
-        factor = self._motion.coordinates.figure.scale(self._motion.arcs.plane_columns(at, name))
+        factor = self._motion.coordinates.transform.scale(self._motion.arcs.plane_columns(at, name))
         if factor is None:
             raise fault("scaling-arc", f"{name} under different factors of G51", at)
         first, last, step = (words.take(letter, name) for letter in "IKQ")

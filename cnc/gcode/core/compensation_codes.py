@@ -90,7 +90,7 @@ class CompensationCodes(MotionCodes):
         shift = (0.0, 0.0)
         if self._state.plane == "ZX":
             shift = (_POINTS[orientation][0] * abs(radius), _POINTS[orientation][1] * abs(radius))
-        if self._motion.coordinates.figure.mirrors(columns):
+        if self._motion.coordinates.transform.mirrors(columns):
             side = "right" if side == "left" else "left"
         given = side, radius, self._state.plane, shift
         again = self._dialect.tools.compensation_again

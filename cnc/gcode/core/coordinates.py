@@ -29,7 +29,7 @@ from cnc.model.blocks import AXIS_LETTERS, ROTARY_LETTERS
 from cnc.model.choices import WrapRule
 from cnc.model.parameter_numbers import POSITION
 
-# Scaling, mirroring and rotation of the programmed figure (G51, G51.1, G68).
+# Scaling, mirroring and rotation of the programmed shape (G51, G51.1, G68).
 #
 #     point -> shift + centre_r + R (centre_s + f (point - centre_s) - centre_r)
 #
@@ -40,7 +40,7 @@ from cnc.model.parameter_numbers import POSITION
 
 
 @dataclass(frozen=True, slots=True)
-class Figure:
+class Transform:
     """A similarity of the program's coordinates, in mm or degrees by column of the axis.
 
     Attributes:
@@ -49,7 +49,7 @@ class Figure:
         plane: Columns of the axes that the rotation turns, or None.
         centre: Centre of the rotation in these two axes.
         angle: Degrees, from the first axis of the plane to the second.
-        shift: (axes,) distance by which the figure moves after the rotation; empty for none.
+        shift: (axes,) distance by which the transform moves after the rotation; empty for none.
     """
 
     factors: tuple[float, ...]
@@ -60,8 +60,8 @@ class Figure:
     shift: tuple[float, ...] = ()
 
     @classmethod
-    def none(cls, axes: int) -> Figure:
-        """Return the figure as it is programmed."""
+    def none(cls, axes: int) -> Transform:
+        """Return the transform that leaves the shape as it is."""
         return cls((1.0,) * axes, (0.0,) * axes)
 
     @property
@@ -148,7 +148,7 @@ class Coordinates:
         system: Index of the system in use, 0 for G54.
         systems: Number of systems without G54.1's.
         axes: Letters of the machine's axes.
-        figure_is_new: Whether no point was given since G68.
+        transform_is_new: Whether no point was given since G68.
         on_tool_offset: Called with each new tool offset, if not None.
     """
 
@@ -176,8 +176,8 @@ class Coordinates:
         self.rotation = 0.0
         self.zero: list[float] = []
         self.axes = axes
-        self.figure = Figure.none(len(axes))
-        self.figure_is_new = False
+        self.transform = Transform.none(len(axes))
+        self.transform_is_new = False
         self.on_tool_offset: Callable[[tuple[float, ...]], None] | None = None
         self._fanuc = fanuc
         self._values = parameters.values
@@ -204,27 +204,27 @@ class Coordinates:
         return self._xy is not None
 
     @property
-    def figure(self) -> Figure:
-        """Scaling, mirroring and rotation of the figure."""
-        return self._figure
+    def transform(self) -> Transform:
+        """Scaling, mirroring and rotation."""
+        return self._transform
 
-    @figure.setter
-    def figure(self, figure: Figure) -> None:
-        self._figure, self._figure_changes = figure, figure.changes
-        self.figure_is_new = False
+    @transform.setter
+    def transform(self, transform: Transform) -> None:
+        self._transform, self._transform_changes = transform, transform.changes
+        self.transform_is_new = False
 
     @property
     def turned(self) -> bool:
         """Whether a machine position is more than a sum."""
-        return self.rotation != 0.0 or self._figure_changes
+        return self.rotation != 0.0 or self._transform_changes
 
     def coupled(self, columns: set[int]) -> set[int]:
         """Return the columns of axes that move with those of a program's words."""
-        return self._figure.coupled(self._changed_axes(dict.fromkeys(columns, 0.0), self._turn))
+        return self._transform.coupled(self._changed_axes(dict.fromkeys(columns, 0.0), self._turn))
 
     def to_machine(self, program: list[float]) -> list[float]:
         """Return the machine position of a point in program coordinates."""
-        program = self._figure.point(program) if self._figure_changes else program
+        program = self._transform.point(program) if self._transform_changes else program
         if not self.rotation:
             return [value + zero for value, zero in zip(program, self.zero, strict=True)]
         added = [
@@ -240,7 +240,7 @@ class Coordinates:
     def to_program(self, machine: list[float]) -> list[float]:
         """Return the program coordinates of a machine position."""
         program = self._unshifted(machine)
-        return self._figure.original(program) if self._figure_changes else program
+        return self._transform.original(program) if self._transform_changes else program
 
     def _unshifted(self, machine: list[float]) -> list[float]:
         if not self.rotation:
@@ -250,7 +250,7 @@ class Coordinates:
 
     def rotated(self, delta: list[float]) -> list[float]:
         """Return a vector in program directions as one in machine directions."""
-        delta = self._figure.vector(delta) if self._figure_changes else delta
+        delta = self._transform.vector(delta) if self._transform_changes else delta
         return self._rotated(delta, self._turn) if self.rotation else delta
 
     def _rotated(self, vector: list[float], turn: tuple[float, float]) -> list[float]:
@@ -301,7 +301,7 @@ class Coordinates:
     def end(self) -> None:
         """Select the first system without a local offset at the program end (M2, M30)."""
         self._local = [0.0] * len(self.axes)
-        self.figure = Figure.none(len(self.axes))
+        self.transform = Transform.none(len(self.axes))
         self._values[numbers.CURRENT_SYSTEM] = 1.0
         self._use(0)
 

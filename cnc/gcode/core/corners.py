@@ -400,7 +400,7 @@ class CornerMoves(Executor):
     def _size(self, word: Word) -> tuple[tuple[int, int], float]:
         """Return the plane of a corner, and its size in mm."""
         plane = self._arcs.plane_columns(word, word.letter)
-        factor = self._coordinates.figure.scale(plane)
+        factor = self._coordinates.transform.scale(plane)
         if factor is None:
             raise fault("scaling-arc", f"{word.written} under different factors of G51", word)
         return plane, word.number * self._state.scale * factor

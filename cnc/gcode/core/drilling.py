@@ -192,7 +192,7 @@ class DrillingCycles(MotionCodes):
         refuse_axes(words, name, "XYZABC" if self._turns else "XYZ")
         plane = CyclePlane(motion, state)
         plane.needs("XYZ" if cycle == FINE_BORING else plane.across, name, at)
-        _check_figure(motion, plane, cycle, at)
+        _check_transform(motion, plane, cycle, at)
         motion.take_length_change(at, absolute=state.absolute, moves=False)
         series = self._series_of(cycle)
         depth = self._word(words, series, plane.across, name, at)
@@ -459,14 +459,14 @@ class DrillingCycles(MotionCodes):
         return top, bottom, clear
 
 
-def _check_figure(motion: Motion, plane: CyclePlane, cycle: G, at: Word) -> None:
-    """Refuse a figure that controllers do not apply to heights, or to the side of fine boring."""
-    figure, across = motion.coordinates.figure, plane.columns[2]
-    if across is not None and figure.factors[across] != 1.0:
+def _check_transform(motion: Motion, plane: CyclePlane, cycle: G, at: Word) -> None:
+    """Refuse what controllers do not apply to heights, or to the side of fine boring."""
+    transform, across = motion.coordinates.transform, plane.columns[2]
+    if across is not None and transform.factors[across] != 1.0:
         message = f"{cycle.written} under G51 with another factor than 1 along {plane.across}"
         raise fault("scaling-cycle", message, at, "give G50 before, or I1. J1. K1.")
-    turns = figure.plane is not None and figure.angle % 360.0 != 0.0
-    if cycle == FINE_BORING and (turns or any(factor != 1.0 for factor in figure.factors)):
+    turns = transform.plane is not None and transform.angle % 360.0 != 0.0
+    if cycle == FINE_BORING and (turns or any(factor != 1.0 for factor in transform.factors)):
         message = (
             f"{cycle.written} under a rotation, scaling or mirror, which the tool does not follow"
         )

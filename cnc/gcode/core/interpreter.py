@@ -32,7 +32,7 @@ from cnc.gcode.core.modal_groups import (
     feed_of,
 )
 from cnc.gcode.core.motion import Motion, MotionCodes
-from cnc.gcode.core.offset_codes import FigureCodes, OffsetCodes, OffsetVariables
+from cnc.gcode.core.offset_codes import OffsetCodes, OffsetVariables, TransformCodes
 from cnc.gcode.core.tip_control import TipControlCodes
 from cnc.gcode.core.tool_codes import ToolCodes
 from cnc.gcode.core.tool_table import ToolTable
@@ -193,7 +193,7 @@ class Interpreter:
         self.tool_codes = ToolCodes(motion, tools, self.tip_control)
         self._turret = turning.Turret(self.tool_codes) if self.dialect.turning.lathe else None
         self.offset_codes = OffsetCodes(motion, self.tool_codes)
-        self.figure_codes = FigureCodes(motion)
+        self.transform_codes = TransformCodes(motion)
         self.compensation_codes = CompensationCodes(motion, self.tool_codes)
 
     def _register_curves_and_cycles(self) -> TurningCycles | None:
@@ -448,7 +448,7 @@ class Interpreter:
             state.arc_absolute = code.number == G.G90_1
         if code := codes.get("retract"):
             state.initial_level = code.number == G.G98
-        self.figure_codes.execute(words, codes)
+        self.transform_codes.execute(words, codes)
         if (code := codes.get("non-modal")) and code.number != G.G4:
             self.offset_codes.non_modal(words, code)
 

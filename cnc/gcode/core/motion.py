@@ -130,8 +130,8 @@ class VectorTurn(Protocol):
 
 _ARC_WORDS = frozenset("IJKR")
 _CURVES = (G.G5, G.G5_1, G.G5_2, G.G6_2, G.BSPLINE)
-_FIGURES = ("figure-scaling", "figure-mirror", "figure-rotation")
-_FIGURE_TAKES_AXES = (G.G51, G.G50_1, G.G51_1, G.G68, G.G68_2)
+_TRANSFORMS = ("figure-scaling", "figure-mirror", "figure-rotation")
+_TRANSFORM_TAKES_AXES = (G.G51, G.G50_1, G.G51_1, G.G68, G.G68_2)
 _TAKES_AXES = (G.G10, G.G28, G.G30, G.G52, G.G92)
 """Non-modal codes that take the axis words of their line."""
 # A look-up of a member in its class takes time in each line.
@@ -204,10 +204,10 @@ class Motion(MoveFeeds):
         if special and special.number == G.G4 and has_axis:
             has_axis = self._axis_beside_dwell(words, code)
         taker = special if special and special.number in _TAKES_AXES else None
-        for group in _FIGURES:
-            figure = codes.get(group)
-            if figure and figure.number in _FIGURE_TAKES_AXES:
-                taker = taker or figure
+        for group in _TRANSFORMS:
+            transform = codes.get(group)
+            if transform and transform.number in _TRANSFORM_TAKES_AXES:
+                taker = taker or transform
         if (length := codes.get("tool-length")) and (
             length.number == G.G43_1 or (length.number == G.G43_2 and "H" not in words.rest)
         ):
@@ -231,7 +231,7 @@ class Motion(MoveFeeds):
                         f"both {taker.word.written} and {code.word.written} take axis words",
                         code.word,
                     )
-                if taker.number not in _FIGURE_TAKES_AXES:
+                if taker.number not in _TRANSFORM_TAKES_AXES:
                     self.assumed.keep()
                     if code.number == _CANCEL:
                         self.assumed.cancel()

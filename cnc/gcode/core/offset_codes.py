@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from cnc.gcode.core.coordinates import EXTERNAL, SYSTEM_CODES, Figure
+from cnc.gcode.core.coordinates import EXTERNAL, SYSTEM_CODES, Transform
 from cnc.gcode.core.modal_groups import PLAIN_MOTIONS, Code, Codes
 from cnc.gcode.core.motion import Motion, MotionCodes
 from cnc.gcode.core.tip_control import refuse_under_tip_control
@@ -21,7 +21,7 @@ from cnc.gcode.turning.codes import set_turret_offset
 from cnc.model import parameter_numbers as numbers
 from cnc.model.blocks import AXIS_LETTERS, PLANE_AXES
 
-# Codes that change the figure: G50, G51, G50.1, G51.1, G68, G68.2, G69; and G15, G16.
+# Codes that transform the shape: G50, G51, G50.1, G51.1, G68, G68.2, G69; and G15, G16.
 #
 # Sources: FANUC Series 0i operator's manual, "Scaling (G50, G51)", "Programmable mirror image",
 # "Coordinate system rotation (G68, G69)", "Tilted working plane indexing (G68.2)" and "Polar
@@ -40,7 +40,7 @@ def check_rotary_axes_at_zero(motion: Motion, at: Word) -> None:
         raise fault("code-not-supported", message, at, "turn the rotary axes to 0 before")
 
 
-class FigureCodes(MotionCodes):
+class TransformCodes(MotionCodes):
     """Execution of these codes."""
 
     def __init__(self, motion: Motion) -> None:
@@ -57,7 +57,7 @@ class FigureCodes(MotionCodes):
             raise fault("polar-active", message, plane.word, "give G15 before")
 
     def _execute(self, words: LineWords, code: Code) -> None:
-        at, figure = code.word, self._coordinates.figure
+        at, transform = code.word, self._coordinates.transform
         if self._motion.compensated:
             raise under_compensation(at)
         match code.number:
@@ -73,7 +73,7 @@ class FigureCodes(MotionCodes):
                 )
             case G.G50:
                 if self._state.scaled:
-                    self._set(Figure.none(len(figure.factors)))
+                    self._set(Transform.none(len(transform.factors)))
                 self._state.scaled = False
             case G.G51:
                 self._scale(words, at)
@@ -84,19 +84,19 @@ class FigureCodes(MotionCodes):
             case G.G68_2:
                 self._place(words, at)
             case _:
-                if figure.plane is not None:
-                    self._set(Figure.none(len(figure.factors)))
+                if transform.plane is not None:
+                    self._set(Transform.none(len(transform.factors)))
 
-    def _set(self, figure: Figure) -> None:
-        self._coordinates.figure = figure
+    def _set(self, transform: Transform) -> None:
+        self._coordinates.transform = transform
 
     def _plane(self, at: Word) -> tuple[int, int]:
         return self._motion.arcs.plane_columns(at, at.written)
 
     def _check_alone(self, at: Word) -> None:
         """Refuse a change inside another one: the controllers apply them in different orders."""
-        figure = self._coordinates.figure
-        if not figure.changes and not self._coordinates.rotation:
+        transform = self._coordinates.transform
+        if not transform.changes and not self._coordinates.rotation:
             return
         if self._coordinates.rotation:
             message = f"{at.written} in a rotated coordinate system (R of G10 L2)"
@@ -104,7 +104,7 @@ class FigureCodes(MotionCodes):
         else:
             now, end = (
                 ("G68", "G69")
-                if figure.plane is not None
+                if transform.plane is not None
                 else ("G51", "G50")
                 if self._state.scaled
                 else ("G51.1", "G50.1")
@@ -135,15 +135,15 @@ class FigureCodes(MotionCodes):
             if column is not None and word is not None:
                 factors[column] = self._factor(word)
         fixed = tuple(centre.get(index, value) for index, value in enumerate(here))
-        self._set(Figure(tuple(factors), fixed))
+        self._set(Transform(tuple(factors), fixed))
         self._state.scaled = True
 
     def _scale_axes(self, words: LineWords, at: Word) -> None:
         """G51 of Mach3: axis words are factors about the zero; other axes keep theirs."""
-        motion, figure = self._motion, self._coordinates.figure
+        motion, transform = self._motion, self._coordinates.transform
         if not self._state.scaled:
             self._check_alone(at)
-        factors = list(figure.factors)
+        factors = list(transform.factors)
         given = [
             (column, word)
             for letter, column in motion.column.items()
@@ -156,7 +156,7 @@ class FigureCodes(MotionCodes):
             if abs(word.number) < SMALLEST_FACTOR:
                 raise fault("scaling-factor", f"{word.written}: the factor must not be 0", word)
             factors[column] = word.number
-        self._set(Figure(tuple(factors), Figure.none(len(factors)).fixed))
+        self._set(Transform(tuple(factors), Transform.none(len(factors)).fixed))
         self._state.scaled = True
 
     def _factor(self, word: Word) -> float:
@@ -173,9 +173,9 @@ class FigureCodes(MotionCodes):
 
     def _mirror(self, words: LineWords, code: Code) -> None:
         """G51.1 X: mirror about the line at X. G50.1 X ends it; without words all of them."""
-        motion, figure, at = self._motion, self._coordinates.figure, code.word
+        motion, transform, at = self._motion, self._coordinates.transform, code.word
         on = code.number == G.G51_1
-        if figure.plane is not None or self._state.scaled or self._coordinates.rotation:
+        if transform.plane is not None or self._state.scaled or self._coordinates.rotation:
             self._check_alone(at)
         values = motion.axis_values(words, at.written)
         if on and not values:
@@ -184,11 +184,11 @@ class FigureCodes(MotionCodes):
         if on and "51" not in at.written and any(values.values()):
             message = f"{at.written} mirrors about the work zero, so its numbers are 0"
             raise fault("code-not-supported", message, at, "use G51.1 for another line")
-        factors, fixed = list(figure.factors), list(figure.fixed)
+        factors, fixed = list(transform.factors), list(transform.fixed)
         for index in values or range(len(factors)):
             factors[index] = -1.0 if on else 1.0
             fixed[index] = values.get(index, 0.0) if on else 0.0
-        self._set(Figure(tuple(factors), tuple(fixed)))
+        self._set(Transform(tuple(factors), tuple(fixed)))
 
     # Rotation
 
@@ -217,7 +217,7 @@ class FigureCodes(MotionCodes):
             message = f"{motion.axes[outside].upper()} is across the plane of the rotation"
             hint = f"its axes are {' '.join(names).upper()}"
             raise fault("axis-not-allowed", message, at, hint)
-        none = Figure.none(len(here))
+        none = Transform.none(len(here))
         turned = replace(
             none,
             plane=plane,
@@ -225,7 +225,7 @@ class FigureCodes(MotionCodes):
             angle=word.number,
         )
         self._set(turned)
-        coordinates.figure_is_new = True
+        coordinates.transform_is_new = True
 
     def _place(self, words: LineWords, at: Word) -> None:
         """G68.2 without a tilt: X Y Z is the new zero; I and K turn the plane X Y about it.
@@ -246,11 +246,11 @@ class FigureCodes(MotionCodes):
         x, y, z = (motion.column.get(axis) for axis in "XYZ")
         if x is None or y is None or not zero.keys() <= {x, y, z}:
             raise fault("axis-not-allowed", f"{at.written} has the words X Y Z I J K", at)
-        none = Figure.none(len(motion.axes))
+        none = Transform.none(len(motion.axes))
         angle = sum(word.number for word in (first, last) if word is not None)
         shift = tuple(zero.get(column, 0.0) for column in range(len(motion.axes)))
         self._set(replace(none, plane=(x, y), angle=angle, shift=shift))
-        coordinates.figure_is_new = True
+        coordinates.transform_is_new = True
 
     def _centre_of_mach3(
         self, words: LineWords, plane: tuple[int, int], at: Word
@@ -287,7 +287,7 @@ class OffsetCodes(MotionCodes):
     def system(self, words: LineWords, code: Code) -> None:
         """Execute G54 to G59.3, or FANUC's G54.1 P, which is G54 P, too."""
         self._check_compensation(code.word)
-        self._check_figure(code.word)
+        self._check_transform(code.word)
         further = code.number == G.G54 and self._dialect.offsets.system_word and "P" in words.rest
         if further:
             self._check_system_word(words, code.word)
@@ -326,7 +326,7 @@ class OffsetCodes(MotionCodes):
             self._turn_tool(code.word)
             return
         if number not in (G.G28, G.G30, G.G53):
-            self._check_figure(code.word)
+            self._check_transform(code.word)
         if number == G.G10:
             self._g10(words, code.word)
             return
@@ -364,15 +364,15 @@ class OffsetCodes(MotionCodes):
 
     def _turn_tool(self, at: Word) -> None:
         """G53.1: the tool is along Z of the plane of G68.2 already, which has no tilt here."""
-        if not self._coordinates.figure.shift:
+        if not self._coordinates.transform.shift:
             message = f"{at.written} without G68.2 before it"
             raise fault("figure-missing", message, at, "give G68.2 before")
         check_rotary_axes_at_zero(self._motion, at)
 
-    def _check_figure(self, at: Word) -> None:
+    def _check_transform(self, at: Word) -> None:
         """Refuse an offset under G51, G51.1 or G68, in whose coordinates it would be unclear."""
-        if self._coordinates.figure.changes:
-            message = f"{at.written} under a figure that G51, G51.1, G68 or G101 changed"
+        if self._coordinates.transform.changes:
+            message = f"{at.written} under a transform that G51, G51.1, G68 or G101 changed"
             raise fault("figure-active", message, at, "give G50, G50.1, G69 or G100 before")
 
     def _check_compensation(self, at: Word) -> None:

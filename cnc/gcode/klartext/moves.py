@@ -15,7 +15,7 @@ import numpy as np
 from cnc.gcode.core import splines as curves
 from cnc.gcode.core.call_stack import Flow
 from cnc.gcode.core.control_flow import BackwardJump
-from cnc.gcode.core.coordinates import Figure
+from cnc.gcode.core.coordinates import Transform
 from cnc.gcode.klartext.reader import Block, Item
 from cnc.gcode.reader.statements import NOTED, Remark, Statement
 from cnc.gcode.reader.words import MAX_NUMBER, G, LineWords, Word, under_compensation
@@ -301,12 +301,12 @@ def _transform(session: Session, block: Block, kind: str) -> None:
     column, coordinates = interpreter.motion.column, interpreter.coordinates
     shifts = zip("XYZ", shift, strict=True)
     coordinates.set_local({column[axis]: value for axis, value in shifts if axis in column})
-    none = Figure.none(len(coordinates.axes))
+    none = Transform.none(len(coordinates.axes))
     factors = tuple(-1.0 if axis.upper() in mirrored else 1.0 for axis in coordinates.axes)
     if angle and not column.keys() >= {"X", "Y"}:
         raise block.head.fault("axis-missing", "a rotation needs the axes X and Y")
     plane = (column["X"], column["Y"]) if angle else None
-    coordinates.figure = Figure(factors, none.fixed, plane, (0.0, 0.0), angle)
+    coordinates.transform = Transform(factors, none.fixed, plane, (0.0, 0.0), angle)
     interpreter.update_plain()
 
 

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from cnc.gcode.core.block_matching import BLOCK_KEYWORDS, block_at
 from cnc.gcode.core.call_stack import ControlStep, Flow, Frame, Listing, Loop, Maker, Section, Step
 from cnc.gcode.core.control_flow import BackwardJump
-from cnc.gcode.core.coordinates import Figure, ProgramFrame
+from cnc.gcode.core.coordinates import ProgramFrame, Transform
 from cnc.gcode.core.subprograms import skips_missing
 from cnc.gcode.reader.source_text import lines_with, windows_from
 from cnc.gcode.reader.statements import Control, Statement
@@ -348,7 +348,7 @@ def _put_into_effect(flow: Flow, frame: ProgramFrame) -> None:
     coordinates.set_local(
         {at: value for at, value in zip(columns, frame.shift, strict=True) if at is not None}
     )
-    none = Figure.none(len(coordinates.axes))
+    none = Transform.none(len(coordinates.axes))
     factors = list(none.factors)
     for at, factor in zip(columns, frame.factors, strict=True):
         if at is not None:
@@ -356,7 +356,7 @@ def _put_into_effect(flow: Flow, frame: ProgramFrame) -> None:
     first, second = (columns[axis] for axis in frame.plane)
     turns = frame.angle != 0.0 and first is not None and second is not None
     plane = (first, second) if first is not None and second is not None and turns else None
-    coordinates.figure = Figure(tuple(factors), none.fixed, plane, (0.0, 0.0), frame.angle)
+    coordinates.transform = Transform(tuple(factors), none.fixed, plane, (0.0, 0.0), frame.angle)
     interpreter.update_plain()
 
 

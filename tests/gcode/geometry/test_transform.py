@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cnc.gcode.core.coordinates import Figure
+from cnc.gcode.core.coordinates import Transform
 from cnc.model.blocks import ArcFeed, Polyline
 from tests.support.gcode.gcode_cases import run
 from tests.support.soak import share
@@ -34,7 +34,7 @@ def test_a_point_goes_where_matrices_take_it_and_back(
     centre: tuple[float, float],
     plane: tuple[int, int],
 ) -> None:
-    figure = Figure(factors, tuple(fixed), plane, centre, angle)
+    transform = Transform(factors, tuple(fixed), plane, centre, angle)
     i, j = plane
     turn = np.eye(3)
     radians = np.radians(angle)
@@ -45,9 +45,9 @@ def test_a_point_goes_where_matrices_take_it_and_back(
     middle[[i, j]] = centre
     scaled = np.array(fixed) + np.diag(factors) @ (np.array(point) - fixed)
     expected = middle + turn @ (scaled - middle)
-    assert figure.point(point) == pytest.approx(expected, abs=1e-9)
-    assert figure.original(figure.point(point)) == pytest.approx(point, abs=1e-8)
-    assert figure.vector(point) == pytest.approx(
+    assert transform.point(point) == pytest.approx(expected, abs=1e-9)
+    assert transform.original(transform.point(point)) == pytest.approx(point, abs=1e-8)
+    assert transform.vector(point) == pytest.approx(
         turn @ np.diag(factors) @ np.array(point), abs=1e-9
     )
 
