@@ -160,9 +160,9 @@ def plan(
         GcodeError, UsageError, MachineFileError: As :func:`parse`.
     """
     known = _loaded(machine)
-    is_program = isinstance(program, str | Path | InlineProgram)
-    blocks = parse(program, known, dialect=dialect) if is_program else program
-    yield from LookAhead(known).plan(path_of(blocks, known, start_position(known)))
+    if isinstance(program, str | Path | InlineProgram):
+        program = parse(program, known, dialect=dialect)
+    yield from LookAhead(known).plan(path_of(program, known, start_position(known)))
 
 
 def check(
