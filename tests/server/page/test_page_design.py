@@ -320,6 +320,7 @@ def test_a_finding_is_marked_shown_and_repaired(desk):
     expect(findings).to_have_count(2)
     error = findings.filter(has_text="line 2: error character-unknown")
     expect(error).to_contain_text("column 6")
+    assert desk.evaluate(TOO_SMALL, SMALLEST[False]) == []
     error.get_by_role("button").first.click()
     expect(desk.locator("#lines .chosen")).to_have_attribute("data-line", "2")
     # A repair that may change the program says so; Cancel leaves the file.
