@@ -175,7 +175,7 @@ class Finding:
     @classmethod
     def of(cls, diagnostic: Diagnostic) -> Finding:
         """Return the finding of a diagnostic."""
-        return cls(**{field.name: getattr(diagnostic, field.name) for field in fields(Diagnostic)})
+        return cls(**{field.name: getattr(diagnostic, field.name) for field in fields(cls)})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,8 +1,9 @@
-"""Checks, pictures and simulated cuts of jobs, in processes that never delay the machine."""
+"""Checks, repairs, pictures and cuts of jobs, in processes that never delay the machine."""
 
 from __future__ import annotations
 
 import base64
+import hashlib
 import json
 import os
 import tempfile
@@ -23,11 +24,12 @@ from cnc.machine.load import with_stock
 from cnc.machine.models import Machine
 from cnc.model import parameter_numbers as numbers
 from cnc.model.blocks import AXIS_LETTERS
-from cnc.model.diagnostics import CncError
+from cnc.model.diagnostics import CncError, Diagnostic, UsageError
 from cnc.server.library import Library
 from cnc.session.context import Callbacks
 from cnc.session.options import Outputs, RunOptions
 from cnc.session.program_reader import start_position
+from cnc.session.repairs import Place, repaired_at
 from cnc.session.session import Session
 from cnc.stock.simulation import Material
 from cnc.stock.stl import reduced
@@ -160,6 +162,77 @@ def _end_with_server() -> None:
     if server is not None:
         server.join()
         os._exit(1)
+
+
+# Repairs of findings, in the process of the checks.
+
+MOST_CHANGED = 200
+"""Changed lines of a repair that a page shows."""
+
+
+@dataclass(frozen=True, slots=True)
+class RepairOrder:
+    """A repair to show, or to write.
+
+    Attributes:
+        check: The job and the machine.
+        place: Code, line and column of the finding.
+        version: The text that was shown; None to show the repair only.
+        unsafe: Whether it may change what the program does.
+        draft: File that takes the repaired text; None to show the repair only.
+    """
+
+    check: CheckOrder
+    place: Place
+    version: str | None = None
+    unsafe: bool = False
+    draft: Path | None = None
+
+
+def repair_job(order: RepairOrder) -> dict[str, Any]:
+    """Prove the repair of a finding; return it, and write the new text into the draft.
+
+    Returns:
+        ``title``, ``safe``, ``lines`` (``line``, ``old``, ``new``; the first of ``count``), and
+        ``version``: the text that was read.
+
+    Raises:
+        UsageError: ``no-such-job``, ``job-changed``, ``no-repair``, ``repair-unsafe``.
+    """
+    name, (code, line, _) = order.check.name, order.place
+    file = Library(order.check.library).path(name)
+    text = file.read_bytes()
+    version = hashlib.sha256(text).hexdigest()
+    if order.version not in (None, version):
+        raise job_changed(name)
+    with chdir(file.parent), tempfile.TemporaryDirectory(prefix="cnc-repair-") as folder:
+        machine = order.check.machine_in(Path(folder))
+        result = repaired_at(name, text, machine, RunOptions(), order.place)
+    if not result.applied:
+        message = f"line {line} of {name} has no repair of {code} that can be proved"
+        raise UsageError(Diagnostic("no-repair", message, hint="check it again, or change it"))
+    finding, lines = result.applied[0]
+    assert finding.fix is not None
+    if order.draft is not None:
+        if not (finding.fix.safe or order.unsafe):
+            message = f"the repair of line {line} may change what {name} does: {finding.fix.title}"
+            hint = 'read the changed lines, then send "unsafe": true'
+            raise UsageError(Diagnostic("repair-unsafe", message, hint=hint))
+        order.draft.write_bytes(result.new)
+        order.draft.chmod(file.stat().st_mode)
+    return {
+        "title": finding.fix.title,
+        "safe": finding.fix.safe,
+        "lines": [changed._asdict() for changed in lines[:MOST_CHANGED]],
+        "count": len(lines),
+        "version": version,
+    }
+
+
+def job_changed(name: str) -> UsageError:
+    """Return the refusal of a repair of a text that is no longer the one that was shown."""
+    message = f"{name} has changed since its repair was shown"
+    return UsageError(Diagnostic("job-changed", message, hint="look at the findings again"))
 
 
 # Simulated cuts of jobs, in the process of the checks.

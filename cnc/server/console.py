@@ -7,6 +7,7 @@ import contextlib
 import hmac
 import json
 import secrets
+import tempfile
 import threading
 import time
 from collections import deque
@@ -14,6 +15,7 @@ from collections.abc import Callable
 from concurrent.futures import BrokenExecutor, Future
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 from cnc.machine.height_map import HeightMap, save_height_map
@@ -28,14 +30,18 @@ from cnc.server.checking import (
     Checker,
     CheckOrder,
     CutOrder,
+    RepairOrder,
     check_job,
     cut_job,
+    job_changed,
     parameters_of,
     prepare,
+    repair_job,
     sketch_job,
 )
-from cnc.server.library import Library, Run, TextLines
+from cnc.server.library import OWN, Library, Run, TextLines
 from cnc.session.options import RunOptions
+from cnc.session.repairs import Place
 
 # Control of the machine: one client has it, the others watch.
 
@@ -229,6 +235,12 @@ class _Run:
         self.log.append(f"{time.time() - self.began:10.3f} {text}")
 
 
+def _stamp(file: Path) -> tuple[int, int, int]:
+    """Return what changes with each change of a file."""
+    status = file.stat()
+    return status.st_ino, status.st_mtime_ns, status.st_size
+
+
 class Console:
     """What the requests share.
 
@@ -325,6 +337,58 @@ class Console:
             future = self._workers().pool.submit(cut_job, order)
         future.add_done_callback(lambda done: self._cut(name, done))
 
+    async def repair(self, name: str, place: Place) -> dict[str, Any]:
+        """Return the repair of a finding, see :func:`repair_job`; the job is left as it is.
+
+        Raises:
+            UsageError: ``no-such-job``, ``no-repair``.
+        """
+        return await self._repair(RepairOrder(await self._order_of_repair(name), place))
+
+    async def write_repair(
+        self, name: str, place: Place, version: str, *, unsafe: bool
+    ) -> dict[str, Any]:
+        """Repair a finding in the file of a job, which is replaced as a whole.
+
+        Args:
+            name: The job.
+            place: Code, line and column of the finding.
+            version: The text that was shown.
+            unsafe: Whether the repair may change what the program does.
+
+        Raises:
+            UsageError: ``no-such-job``, ``no-repair``, ``machine-busy`` while the job runs,
+                ``job-changed``, ``repair-unsafe``, ``can-not-write``.
+        """
+        self.refuse_change(name)
+        check, file = await self._order_of_repair(name), self.library.path(name)
+        before = _stamp(file)
+        with tempfile.TemporaryDirectory(dir=self.library.folder / OWN) as folder:
+            draft = Path(folder) / "draft"
+            made = await self._repair(RepairOrder(check, place, version, unsafe, draft))
+            # From here on no other request has its turn.
+            self.refuse_change(name)
+            if _stamp(self.library.path(name)) != before:
+                raise job_changed(name)
+            self.library.adopt(name, draft)
+        self.jobs_changed()
+        return made
+
+    async def _order_of_repair(self, name: str) -> CheckOrder:
+        self.library.path(name)
+        return await asyncio.to_thread(self._order, name)
+
+    async def _repair(self, order: RepairOrder) -> dict[str, Any]:
+        with self._lock:
+            future = self._workers().pool.submit(repair_job, order)
+        try:
+            return await asyncio.wrap_future(future)
+        except BrokenExecutor:
+            # The next order begins with a new process.
+            with self._lock:
+                self._checker = None
+            raise
+
     def _workers(self) -> Checker:
         if self._checker is None:
             self._checker = Checker()
@@ -348,6 +412,8 @@ class Console:
                 with suppress(OSError, UsageError):
                     self.library.add_run(Run(job=name, began=run.began), "")
                 done.result().add_done_callback(lambda each: self._ended(run, each))
+            elif self._asked is run:
+                self._asked = None
 
         # In the thread of the events, so that none comes between.
         asked.add_done_callback(begun)
@@ -361,7 +427,7 @@ class Console:
 
     def refuse_change(self, name: str) -> None:
         """Refuse the change of a program that runs. UsageError ``machine-busy``."""
-        run = self._run
+        run = self._run or self._asked
         if run is not None and run.job == name:
             message, hint = f"{name} runs", "wait for its end, or stop it"
             raise UsageError(Diagnostic("machine-busy", message, hint=hint))

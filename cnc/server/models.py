@@ -140,6 +140,16 @@ class CutJob(_Body):
     )
 
 
+class RepairJob(_Body):
+    """A repair to write, as it was shown."""
+
+    code: str = Field(max_length=80, description="Code of the finding.")
+    line: int = Field(ge=0, description="Its line.")
+    column: int = Field(ge=0, description="Its column.")
+    version: str = Field(max_length=80, description="The text that was shown.")
+    unsafe: bool = Field(default=False, description="The program may do something else then.")
+
+
 class RunJob(_Body):
     """How to run a job."""
 
@@ -178,6 +188,24 @@ class TextPart(_Body):
     first: int
     lines: list[str]
     total: int
+
+
+class ChangedLine(_Body):
+    """A line before and after a repair; ``new`` may hold further lines."""
+
+    line: int
+    old: str
+    new: str
+
+
+class Repair(_Body):
+    """A repair of a finding."""
+
+    title: str = Field(description="What it does.")
+    safe: bool = Field(description="Whether the program keeps its blocks.")
+    lines: list[ChangedLine] = Field(description="The first lines that it changes.")
+    count: int = Field(description="Number of lines that it changes.")
+    version: str = Field(description="The text that was read.")
 
 
 class LogText(_Body):

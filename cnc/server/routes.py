@@ -46,6 +46,8 @@ from cnc.server.models import (
     LogText,
     Override,
     ProbeGrid,
+    Repair,
+    RepairJob,
     RunJob,
     Setting,
     SettingValue,
@@ -549,6 +551,26 @@ def summary(name: str, console: Shared) -> dict[str, Any]:
     if kept is None:
         raise _not_found(f"{name} has not been checked since its last change")
     return kept
+
+
+@router.get("/jobs/{name}/repair")
+async def repair(
+    name: str,
+    console: Shared,
+    code: Annotated[str, Query(max_length=80)],
+    line: Annotated[int, Query(ge=0)],
+    column: Annotated[int, Query(ge=0)],
+) -> Repair:
+    """Show the repair of a finding: what it does, and each line before and after it."""
+    return Repair(**await console.repair(name, (code, line, column)))
+
+
+@router.post("/jobs/{name}/repair")
+async def write_repair(name: str, body: RepairJob, console: Controlled) -> Repair:
+    """Repair a finding in the file of the job, if its text is still the one that was shown."""
+    place = (body.code, body.line, body.column)
+    made = await console.write_repair(name, place, body.version, unsafe=body.unsafe)
+    return Repair(**made)
 
 
 @router.get("/jobs/{name}/toolpath")

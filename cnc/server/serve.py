@@ -154,6 +154,8 @@ STATUS = {
     "no-control": 409,
     "not-connected": 409,
     "board-connected": 409,
+    "job-changed": 409,
+    "repair-unsafe": 409,
     "no-such-job": 404,
     "no-such-macro": 404,
     "no-such-cycle": 404,

@@ -31,6 +31,10 @@ _MAYBE_WHOLE = re.compile(r"[XYZABCUVWIJKRQ][ \t]*[-+]?[0-9]+(?![0-9.])", re.IGN
 """A distance without a decimal point, or a count."""
 
 
+Place = tuple[str, int, int]
+"""Code, line and column of a finding."""
+
+
 class Reading(NamedTuple):
     """A reading of a program, to its first error.
 
@@ -167,10 +171,10 @@ def repaired(
         options: How the check reads it, and the findings that are wanted.
         unsafe: Whether unsafe repairs are made too.
     """
-    options = replace(options, tool_lengths=options.tool_lengths or "zero")
+    options = _without_lengths(options)
     before, new = read(name, text, machine, options), text
     applied: list[Applied] = []
-    refused: set[tuple[str, int, int]] = set()
+    refused: set[Place] = set()
     batch: list[Diagnostic] = []
     for _ in range(MOST_ROUNDS):
         source = SourceLines(new)
@@ -188,6 +192,36 @@ def repaired(
         else:
             batch = batch[: len(batch) // 2]
     return Repaired(text, new, applied)
+
+
+def repaired_at(
+    name: str, text: bytes, machine: Machine, options: RunOptions, place: Place
+) -> Repaired:
+    """Return a program after the repair of one finding; unchanged if no repair of it is proved.
+
+    Args:
+        name: As for :func:`repaired`, and so are ``text``, ``machine`` and ``options``.
+        text: The program.
+        machine: The machine that it is for.
+        options: How the check reads it.
+        place: Code, line and column of the finding.
+    """
+    options = _without_lengths(options)
+    before, source = read(name, text, machine, options), SourceLines(text)
+    for finding in before.findings:
+        if finding.fix and finding.file == name and _place(finding) == place:
+            batch = [complete(finding, source, before.rules)]
+            applied = _apply(source, batch)
+            new = source.joined()
+            if _is_proved(before, read(name, new, machine, options), batch):
+                return Repaired(text, new, applied)
+            break
+    return Repaired(text, text, [])
+
+
+def _without_lengths(options: RunOptions) -> RunOptions:
+    """Return options with which a program can be read without a table of its tools."""
+    return replace(options, tool_lengths=options.tool_lengths or "zero")
 
 
 def complete(finding: Diagnostic, source: SourceLines, rules: Dialect | None) -> Diagnostic:
@@ -215,7 +249,7 @@ def complete(finding: Diagnostic, source: SourceLines, rules: Dialect | None) ->
     return replace(finding, fix=replace(fix, title="write each decimal point", edits=whole))
 
 
-def _place(finding: Diagnostic) -> tuple[str, int, int]:
+def _place(finding: Diagnostic) -> Place:
     return finding.code, finding.line, finding.column
 
 
@@ -223,7 +257,7 @@ def _batch(
     reading: Reading,
     source: SourceLines,
     name: str,
-    refused: set[tuple[str, int, int]],
+    refused: set[Place],
     *,
     unsafe: bool,
 ) -> list[Diagnostic]:

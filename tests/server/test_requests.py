@@ -10,6 +10,10 @@ from urllib.parse import quote
 
 import pytest
 
+from cnc.machine.load import load_machine
+from cnc.server.checking import MOST_CHANGED
+from cnc.server.console import _Run
+from cnc.session.options import RunOptions
 from tests.support.waiting import wait_until
 
 PROGRAM = "G21 G90\nG0 X5 Y5\nG1 X20 F3000\nG2 X30 I5\nG1 X5\nM2\n"
@@ -44,6 +48,7 @@ def x_of(console):
         ("POST", "/api/answer", {"dialog": 1, "yes": True}),
         ("PUT", "/api/settings/110", {"value": "1"}),
         ("POST", "/api/jobs/a.nc/run", {}),
+        ("POST", "/api/jobs/a.nc/repair", {"code": "a", "line": 1, "column": 1, "version": ""}),
         ("DELETE", "/api/jobs/a.nc", None),
         ("DELETE", "/api/control", None),
     ],
@@ -187,6 +192,131 @@ def test_a_check_finds_errors_at_their_lines(client, console, library):
     assert {"t", "x", "y", "z", "feed", "origin-t"} <= set(picture["columns"])
     client("PUT", "/api/jobs/good.nc", {"text": PROGRAM + "\n"})
     assert client("GET", "/api/jobs/good.nc/check").status_code == 404
+
+
+REPAIR = "/api/jobs/{}/repair?code={}&line={}&column={}"
+SAFE = ("motion-assumed", 2, 1)
+UNSAFE = ("character-unknown", 2, 6)
+
+
+def sent(place, version, **more):
+    return dict(zip(("code", "line", "column"), place, strict=True)) | {"version": version} | more
+
+
+@pytest.fixture
+def faulty(controller, console, library):
+    """A program with a finding whose repair is safe; it is checked."""
+    idle(console)
+    text = "G21 G90\r\nX1. Y2.\r\nG1 X2. F600\r\nM2\r\n"
+    controller("PUT", "/api/jobs/faulty.nc", {"text": text})
+    file = library.folder / "faulty.nc"
+    file.chmod(0o640)
+    console.check("faulty.nc").result()
+    return file
+
+
+def test_a_repair_is_shown_and_then_written(controller, faulty):
+    found = controller("GET", "/api/jobs/faulty.nc/check").json()["errors"]
+    place = next((each["code"], each["line"], each["column"]) for each in found if "fix" in each)
+    assert place == SAFE
+    before = faulty.read_bytes()
+    shown = controller("GET", REPAIR.format("faulty.nc", *SAFE)).json()
+    assert faulty.read_bytes() == before
+    assert shown["safe"]
+    assert shown["lines"] == [{"line": 2, "old": "X1. Y2.", "new": "G0 X1. Y2."}]
+    assert (shown["count"], shown["title"]) == (1, "write G0")
+    body = sent(SAFE, shown["version"])
+    written = controller("POST", "/api/jobs/faulty.nc/repair", body)
+    assert (written.status_code, written.json()) == (200, shown)
+    assert faulty.read_bytes() == before.replace(b"X1.", b"G0 X1.")
+    assert faulty.stat().st_mode & 0o777 == 0o640
+    assert controller("GET", "/api/jobs/faulty.nc/check").status_code == 404
+    # The finding is gone, and so is the text that was shown.
+    assert controller("GET", REPAIR.format("faulty.nc", *SAFE)).json()["code"] == "no-repair"
+    again = controller("POST", "/api/jobs/faulty.nc/repair", body)
+    assert (again.status_code, again.json()["code"]) == (409, "job-changed")
+
+
+def test_an_unsafe_repair_is_written_only_on_request(controller, library):
+    controller("PUT", "/api/jobs/unsafe.nc", {"text": "G21\nG0 X1,5\nM2\n"})
+    shown = controller("GET", REPAIR.format("unsafe.nc", *UNSAFE)).json()
+    assert not shown["safe"]
+    refused = controller("POST", "/api/jobs/unsafe.nc/repair", sent(UNSAFE, shown["version"]))
+    assert (refused.status_code, refused.json()["code"]) == (409, "repair-unsafe")
+    assert (library.folder / "unsafe.nc").read_bytes() == b"G21\nG0 X1,5\nM2\n"
+    body = sent(UNSAFE, shown["version"], unsafe=True)
+    assert controller("POST", "/api/jobs/unsafe.nc/repair", body).status_code == 200
+    assert (library.folder / "unsafe.nc").read_bytes() == b"G21\nG0 X1.5\nM2\n"
+
+
+def test_the_first_lines_of_a_long_repair_are_shown(controller):
+    lines = "".join(f"G0 X{number} Y0\n" for number in range(1, 251))
+    controller("PUT", "/api/jobs/long.nc", {"text": f"%\nO1234\nG21 G90 G17\n{lines}M30\n%\n"})
+    shown = controller("GET", REPAIR.format("long.nc", "decimal-point-missing", 4, 4)).json()
+    assert (len(shown["lines"]), shown["count"]) == (MOST_CHANGED, 250)
+    assert shown["lines"][-1] == {"line": 203, "old": "G0 X200 Y0", "new": "G0 X200. Y0"}
+
+
+def test_a_repair_that_is_not_proved_is_left_out(faulty, monkeypatch):
+    """In the process of the test, so that the proof can be made to fail."""
+    from cnc.session import repairs
+
+    monkeypatch.setattr(repairs, "_is_proved", lambda *_: False)
+    text = faulty.read_bytes()
+    machine = load_machine(None)
+    result = repairs.repaired_at("faulty.nc", text, machine, RunOptions(), SAFE)
+    assert (result.new, result.applied) == (text, [])
+
+
+@pytest.mark.parametrize("same_text", [False, True])
+def test_a_file_that_changes_during_its_proof_is_left(
+    controller, console, faulty, monkeypatch, same_text
+):
+    shown = controller("GET", REPAIR.format("faulty.nc", *SAFE)).json()
+    other, repair = faulty.read_bytes() if same_text else b"G21\nM2\n", console._repair
+
+    async def slow(order):
+        made = await repair(order)
+        draft = faulty.with_name("other.part")
+        draft.write_bytes(other)
+        draft.replace(faulty)
+        return made
+
+    monkeypatch.setattr(console, "_repair", slow)
+    answer = controller("POST", "/api/jobs/faulty.nc/repair", sent(SAFE, shown["version"]))
+    assert (answer.status_code, answer.json()["code"]) == (409, "job-changed")
+    assert faulty.read_bytes() == other
+    assert not list((faulty.parent / ".cncrun").glob("tmp*"))
+
+
+@pytest.mark.parametrize("when", ["before", "during"])
+def test_a_program_that_runs_is_not_repaired(controller, console, faulty, monkeypatch, when):
+    shown = controller("GET", REPAIR.format("faulty.nc", *SAFE)).json()
+    before, repair = faulty.read_bytes(), console._repair
+    run = _Run("faulty.nc", 0.0)
+
+    async def slow(order):
+        made = await repair(order)
+        console._asked = run
+        return made
+
+    if when == "before":
+        monkeypatch.setattr(console, "_run", run)
+    monkeypatch.setattr(console, "_asked", None)
+    monkeypatch.setattr(console, "_repair", slow)
+    answer = controller("POST", "/api/jobs/faulty.nc/repair", sent(SAFE, shown["version"]))
+    assert (answer.status_code, answer.json()["code"]) == (409, "machine-busy")
+    assert faulty.read_bytes() == before
+
+
+def test_a_run_that_is_refused_leaves_its_program_free(controller, console, faulty):
+    controller("POST", "/api/mdi", {"line": "G4 P0.5"})
+    assert controller("POST", "/api/jobs/faulty.nc/run").json()["code"] == "machine-busy"
+    wait_until(lambda: console._asked is None)
+    idle(console)
+    shown = controller("GET", REPAIR.format("faulty.nc", *SAFE)).json()
+    body = sent(SAFE, shown["version"])
+    assert controller("POST", "/api/jobs/faulty.nc/repair", body).status_code == 200
 
 
 def test_the_machine_and_its_cycles_are_described(client):

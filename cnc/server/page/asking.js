@@ -2,9 +2,10 @@
 
 const element = id => document.getElementById(id);
 
-function ask(text, verb, field) {
+function ask(text, verb, field, lines = []) {
   const place = element("entry"), value = element("entry-value");
   element("entry-text").textContent = text;
+  element("entry-lines").textContent = lines.join("\n");
   element("entry-field").hidden = value.disabled = field === null;
   element("entry-yes").textContent = verb;
   element("entry-unit").textContent = field?.unit ?? "";
@@ -21,5 +22,5 @@ export async function askNumber(text, unit) {
   return yes && Number.isFinite(value) ? value : null;
 }
 
-/** Return whether the operator agrees. */
-export const askYes = (text, verb) => ask(text, verb, null);
+/** Return whether the operator agrees; `lines` of a program are shown below the text. */
+export const askYes = (text, verb, lines) => ask(text, verb, null, lines);

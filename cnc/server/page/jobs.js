@@ -2,7 +2,8 @@
 
 import {attempt, get, on, post, put, remove, visible} from "./api.js";
 import {askYes} from "./asking.js";
-import {named, needs, say, worded} from "./machine.js";
+import {showFindings, writeLine} from "./findings.js";
+import {named, needs, say} from "./machine.js";
 import {showPart} from "./parts.js";
 import * as picture from "./picture.js";
 import * as heights from "./probing.js";
@@ -16,7 +17,8 @@ let waiting = null;      // called with the outcome of the check that was asked 
 let uploading = false;  // the list then opens no job of its own, which would empty the fields again
 let isChecked = false;   // whether the last check of the open program found no error
 let chosen = 0;          // the line that is shown in the picture
-let job = null, total = 0, now = 0, windows = new Map(), found = new Map();
+let changed = 0;         // time of the text that is shown
+let job = null, total = 0, now = 0, windows = new Map();
 
 export async function begin() {
   element("jobs").addEventListener("change", () => open(element("jobs").value));
@@ -41,7 +43,12 @@ export async function begin() {
   element("from-line").addEventListener("input", showRun);
   on("jobs", () => attempt(list));
   on("job-checked", event => {
-    if (event.name === job) attempt(() => showCheck()).finally(() => {
+    if (event.name === job) attempt(async () => {
+      const about = await get(path());
+      // Another client may have changed the text.
+      if (event.name === job && about.changed !== changed) showLength(about);
+      await showCheck();
+    }).finally(() => {
       waiting?.(isChecked);
       waiting = null;
     });
@@ -113,10 +120,9 @@ async function list() {
 
 async function open(name) {
   job = name;
-  windows = new Map();
-  found = new Map();
-  total = now = chosen = 0;
-  element("findings").replaceChildren();
+  now = chosen = 0;
+  showLength({lines: 0, changed: 0});
+  listFindings([]);
   element("limits").hidden = element("stl").hidden = true;
   element("outcome").textContent = "";
   // A line of another job must not be where this one begins.
@@ -128,12 +134,20 @@ async function open(name) {
   if (job !== null) await attempt(async () => {
     const mine = job, about = await get(path());
     if (mine !== job) return;
-    total = about.lines;
+    showLength(about);
     if (about.check !== null) await showCheck(about.check);
     else await check();
   });
-  element("lines").style.height = `${Math.min(total * ROW, TALLEST)}px`;
   element("text").scrollTop = 0;
+  showText();
+}
+
+/** Show the text of a job as it is now. */
+function showLength(about) {
+  total = about.lines;
+  changed = about.changed;
+  windows = new Map();
+  element("lines").style.height = `${Math.min(total * ROW, TALLEST)}px`;
   showText();
 }
 
@@ -177,7 +191,7 @@ async function showCheck(given) {
     : `refused: ${errors} error${errors === 1 ? "" : "s"}`;
   element("outcome").dataset.refused = String(!summary.ok);
   needs();
-  showFindings(summary.errors);
+  listFindings(summary.errors);
   showLimits(summary);
   isChecked = summary.ok;
   if (summary.ok) await picture.show(await get(path("/toolpath")), mine, {seconds: summary.duration_s});
@@ -187,7 +201,7 @@ async function showCheck(given) {
 async function showCut({name, ok, findings}) {
   if (!ok) {
     element("outcome").textContent = "not cut";
-    if (findings.length) showFindings(findings);
+    if (findings.length) listFindings(findings);
     return;
   }
   const part = await get(path("/part"));
@@ -196,27 +210,20 @@ async function showCut({name, ok, findings}) {
   element("stl").href = `/api/${path("/stl")}`;
   element("stl").download = name.replace(/\.[^.]*$/, ".stl");
   element("stl").hidden = false;
-  showFindings(findings);
+  listFindings(findings);
   await picture.showPart(part, name);
 }
 
-function showFindings(findings) {
-  found = new Map();
-  element("findings").replaceChildren(...findings.slice(0, 200).map(finding => {
-    const item = document.createElement("li"), go = document.createElement("button");
-    go.type = "button";
-    go.className = finding.severity;
-    go.textContent = `${finding.line ? `line ${finding.line}: ` : ""}${finding.severity} ${finding.code}: ${finding.message}`;
-    go.title = worded(finding.hint ?? "");
-    go.addEventListener("click", () => {
-      if (!finding.line) return;
-      follow(finding.line);
-      if (finding.line !== chosen) choose(finding.line);
-    });
-    if (finding.line) found.set(finding.line, finding);
-    item.append(go);
-    return item;
-  }));
+function listFindings(findings) {
+  const mine = job, go = line => {
+    follow(line);
+    if (line !== chosen) choose(line);
+  };
+  showFindings(findings, mine, go, async line => {
+    if (mine !== job) return;
+    await open(mine);
+    follow(line);
+  });
   showText();
 }
 
@@ -305,18 +312,13 @@ function showText() {
   for (let index = first; index < last; index++) {
     const text = line(index), row = document.createElement("li");
     row.style.top = `${place.scrollTop + index * ROW - above}px`;
-    row.textContent = `${String(index + 1).padStart(6)}  ${text ?? ""}`;
+    writeLine(row, index + 1, text ?? "");
     if (index + 1 === now) {
-      row.className = "now";
+      row.classList.add("now");
       row.setAttribute("aria-current", "step");
     }
     row.dataset.line = index + 1;
     if (index + 1 === chosen) row.classList.add("chosen");
-    const finding = found.get(index + 1);
-    if (finding) {
-      row.classList.add(finding.severity);
-      row.title = `${finding.code}: ${finding.message}`;
-    }
     rows.push(row);
   }
   element("lines").replaceChildren(...rows);

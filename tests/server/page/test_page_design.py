@@ -307,6 +307,47 @@ def test_a_line_that_is_pressed_is_shown_in_the_picture(desk):
     expect(space).to_have_attribute("data-chosen", "0")
 
 
+def test_a_finding_is_marked_shown_and_repaired(desk):
+    open_part(desk, "program")
+    upload(desk, "faulty.nc", "G21 G90 (a <b>x</b>\nG0 X1,5\nM2\n")
+    expect(desk.locator("#outcome")).to_contain_text("refused: 1 error")
+    rows, findings = desk.locator("#lines li"), desk.locator("#findings li")
+    # Each line has the sign of its finding, and a mark at its place. No text is markup.
+    expect(rows.nth(0)).to_have_text("!     1  G21 G90 (a <b>x</b>")
+    expect(rows.nth(1)).to_have_text("\u25b2     2  G0 X1,5")
+    expect(rows.nth(1).locator("mark")).to_have_text(",5")
+    expect(rows.nth(2)).to_have_text("      3  M2")
+    expect(findings).to_have_count(2)
+    error = findings.filter(has_text="line 2: error character-unknown")
+    expect(error).to_contain_text("column 6")
+    assert desk.evaluate(TOO_SMALL, SMALLEST[False]) == []
+    error.get_by_role("button").first.click()
+    expect(desk.locator("#lines .chosen")).to_have_attribute("data-line", "2")
+    # A repair that may change the program says so; Cancel leaves the file.
+    repair = desk.get_by_role("button", name="Repair line 2: character-unknown")
+    repair.click()
+    expect(desk.locator("#entry-text")).to_contain_text("may do something else")
+    expect(desk.locator("#entry-lines")).to_have_text("2 \u2212 G0 X1,5\n2 + G0 X1.5")
+    # A key that was meant for a hold must not confirm.
+    expect(desk.locator("#entry-lines")).to_be_focused()
+    desk.keyboard.press(" ")
+    desk.get_by_role("button", name="Cancel").click()
+    expect(rows.nth(1)).to_contain_text("X1,5")
+    repair.click()
+    desk.click("#entry-yes")
+    expect(rows.nth(1)).to_have_text("      2  G0 X1.5")
+    # The check runs again. The other repair keeps the moves.
+    expect(desk.locator("#outcome")).to_contain_text("checked")
+    desk.get_by_role("button", name="Repair line 1: comment-mended").click()
+    expect(desk.locator("#entry-text")).to_contain_text("does the same")
+    desk.click("#entry-yes")
+    expect(findings).to_have_count(0)
+    expect(rows.nth(0)).to_have_text("      1  G21 G90 (a <b>x</b>)")
+    expect(desk.locator("#lines mark, #lines b, #findings b, #entry b")).to_have_count(0)
+    desk.select_option("#jobs", "plate.nc")
+    expect(desk.locator("#outcome")).to_contain_text("checked")
+
+
 def test_spindle_and_coolant_by_hand(desk):
     open_part(desk, "setup")
     desk.fill("#hand-speed", "750")

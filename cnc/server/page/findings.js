@@ -1,0 +1,80 @@
+// Findings of a program: their list, their marks in its text, and their repairs.
+
+import {attempt, get, post, visible} from "./api.js";
+import {askYes} from "./asking.js";
+import {needs, worded} from "./machine.js";
+
+const SIGNS = {error: "▲", warning: "!", note: "i"};  // the worst first
+const MOST = 200;  // findings of the list
+const MOST_LINES = 8;  // changed lines of a question
+
+let marks = new Map();  // the findings of each line of the text
+
+/**
+ * Show the findings of a program.
+ * `go` is called with the line of a finding that is pressed, `repaired` with that of a finding that is repaired.
+ */
+export function showFindings(findings, job, go, repaired) {
+  marks = new Map();
+  for (const finding of findings) if (finding.line && finding.file === job) marks.set(finding.line, [...marks.get(finding.line) ?? [], finding]);
+  document.getElementById("findings").replaceChildren(...findings.slice(0, MOST).map(finding => {
+    const {severity, code, message, file, line, column, hint, fix} = finding, isHere = file === job;
+    const item = document.createElement("li"), button = document.createElement("button"), help = document.createElement("small");
+    button.type = "button";
+    button.className = severity;
+    button.textContent = visible(`${file && !isHere ? `${file}, ` : ""}${line ? `line ${line}: ` : ""}${severity} ${code}: ${message}`);
+    button.dataset.sign = SIGNS[severity];
+    help.textContent = visible([column ? `column ${column}` : "", worded(hint ?? "")].filter(Boolean).join(": "));
+    button.append(help);
+    button.addEventListener("click", () => { if (line && isHere) go(line); });
+    item.append(button);
+    if (fix && isHere) {
+      const made = Object.assign(document.createElement("button"), {type: "button", textContent: "Repair"});
+      made.dataset.needs = "link control job";
+      made.setAttribute("aria-label", `Repair line ${line}: ${code}`);
+      made.addEventListener("click", () => attempt(() => repair(finding, job, repaired)));
+      item.append(made);
+    }
+    return item;
+  }));
+  needs();
+}
+
+/** Show the lines before and after a repair; write it if the operator agrees. */
+async function repair({code, line, column}, job, repaired) {
+  const path = `jobs/${encodeURIComponent(job)}/repair`;
+  const {title, safe, lines, count, version} = await get(`${path}?${new URLSearchParams({code, line, column})}`);
+  const changes = lines.slice(0, MOST_LINES).flatMap(({line: number, old, new: text}) =>
+    [`${number} \u2212 ${visible(old)}`, ...text.split("\n").map(each => `${number} + ${visible(each)}`)]);
+  if (count > MOST_LINES) changes.push(`and ${count - MOST_LINES} more lines`);
+  const what = `${visible(job)}, line ${line}: ${visible(title)}?\n`;
+  const yes = await (safe ? askYes(`${what}The program does the same after it.`, "Repair", changes)
+    : askYes(`${what}\u26a0 The program may do something else after it. Read the lines first.`, "Repair, I have read them", changes));
+  if (!yes) return;
+  await post(path, {code, line, column, version, unsafe: !safe});
+  await repaired(line);
+}
+
+/** Write a line of the text into its row, with the sign of its worst finding and a mark at the place of each. */
+export function writeLine(row, number, text) {
+  const here = marks.get(number) ?? [], worst = Object.keys(SIGNS).find(each => here.some(({severity}) => severity === each));
+  const letters = [...number === 1 ? text.replace(/^\ufeff/, "") : text];
+  row.textContent = `${SIGNS[worst] ?? " "}${String(number).padStart(6)}  `;
+  if (worst) {
+    row.classList.add(worst);
+    row.title = here.map(({code, message}) => visible(`${code}: ${message}`)).join("\n");
+  }
+  let at = 0;
+  for (const {column, severity} of [...here].sort((a, b) => a.column - b.column)) {
+    if (!column || column <= at || column > letters.length + 1) continue;
+    const place = document.createElement("mark");
+    let end = column;
+    while (end < letters.length && /[-+.\d]/.test(letters[end])) end++;
+    place.className = severity;
+    // What is missing at the end of a line has a blank.
+    place.textContent = letters.slice(column - 1, end).join("") || "\u00a0";
+    row.append(letters.slice(at, column - 1).join(""), place);
+    at = end;
+  }
+  row.append(letters.slice(at).join(""));
+}
