@@ -324,6 +324,39 @@ def test_the_collector_looks_at_new_objects_less_often_than_by_default():
         gc.set_threshold(*before)
 
 
+def test_the_collector_rests_during_imports_and_at_the_end(program):
+    """Both would search all objects of the library: a quarter of the time of a small program."""
+    code = """
+import atexit, gc, sys
+import cnc.cli, cnc.cli.commands
+from cnc.cli.options import load_library
+
+during_import = []
+gc.callbacks.append(lambda *_: during_import.append(1))
+load_library()
+del gc.callbacks[:]
+assert "cnc.api" in sys.modules
+assert not during_import
+assert len(gc.get_objects()) < 10_000
+# The last steps of Python search what is not frozen.
+atexit.register(lambda: print("left", len(gc.get_objects()), "all", gc.get_freeze_count()))
+cnc.cli.main()
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code, "check", program(GOOD)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=HANG,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    words = done.stdout.splitlines()[-1].split()
+    assert words[::2] == ["left", "all"]
+    assert int(words[1]) < 1_000
+    assert int(words[3]) > 50_000
+
+
 def test_help_fits_a_screen_and_has_one_line_for_each_command(cncrun):
     code, out, _ = cncrun("--help")
     assert code == 0
