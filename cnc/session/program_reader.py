@@ -13,7 +13,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
-from typing import IO
+from typing import IO, TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +51,9 @@ from cnc.session.resume import (
     line_of_call,
     unanswered_line,
 )
+
+if TYPE_CHECKING:
+    from cnc.path.warp import Warp
 
 # The file that a program is read from, and the source lines that messages show.
 

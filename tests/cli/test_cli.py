@@ -299,6 +299,32 @@ def test_help_imports_no_numerics(arguments):
     assert done.stdout
 
 
+@pytest.mark.parametrize(
+    ("arguments", "most"), [(["--help"], 30), (["check"], 250)], ids=["help", "refused program"]
+)
+def test_a_start_imports_few_modules(program, tmp_path, arguments, most):
+    """Each module takes about a millisecond. The limits leave room for a few more."""
+    refused = arguments == ["check"]
+    code = (
+        "import sys; from cnc.cli import exit_code; code = exit_code(sys.argv[1:]);"
+        "own = [name for name in sys.modules if name.partition('.')[0] == 'cnc'];"
+        "print(code, len(own), 'llvmlite' in sys.modules, file=sys.stderr)"
+    )
+    names = [program("G21 G90\nG1 X1O F600\nM2\n")] if refused else []
+    done = subprocess.run(
+        [sys.executable, "-c", code, *arguments, *names],
+        cwd=ROOT,
+        env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "nothing")},
+        capture_output=True,
+        text=True,
+        timeout=HANG,
+        check=False,
+    )
+    exit_code, own, loads = done.stderr.splitlines()[-1].split()
+    assert (exit_code, loads) == (str(int(refused)), "False"), done.stderr
+    assert int(own) <= most
+
+
 def test_a_program_imports_no_reader_of_another_language(program):
     code = (
         "import sys; from cnc.cli import exit_code; code = exit_code(sys.argv[1:]);"
