@@ -14,7 +14,6 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any
 
-from cnc.batch.dask_cluster import check_on
 from cnc.batch.task import Prepare, Task
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import CncError, Diagnostic, UsageError
@@ -82,6 +81,8 @@ def check_many(
             tasks, min(jobs or cores(), len(tasks)), on_compiling or (lambda: None)
         )
     else:
+        from cnc.batch.dask_cluster import check_on  # a cluster is rare
+
         outcomes = check_on(scheduler, tasks)
     finished: dict[int, Report | CncError] = {}
     with closing(outcomes):

@@ -35,7 +35,10 @@ def main() -> None:
     finally:
         gc.freeze()
         gc.enable()
-    sys.exit(carry_out(sys.argv[1:]))
+    code = carry_out(sys.argv[1:])
+    # The memory of the process ends with it, so Python need not search it for garbage.
+    gc.freeze()
+    sys.exit(code)
 
 
 def _serve_signals() -> None:

@@ -16,7 +16,6 @@ from typing import TextIO
 
 from cnc import api
 from cnc.batch.pool import check_many
-from cnc.checks.tool_list import ToolList
 from cnc.cli.options import CheckFormat, CheckOptions, CommonOptions
 from cnc.cli.progress import ProgressDisplay, print_compiling
 from cnc.cli.projects import jobs_of, options_of
@@ -34,7 +33,6 @@ from cnc.model.diagnostics import (
     shown_name,
 )
 from cnc.model.operator_control import Control
-from cnc.report.findings import write_findings
 from cnc.report.result import Report, position
 from cnc.report.summary import TRAVEL_NOT_CHECKED, one_line, print_summary, write_json, write_object
 from cnc.report.targets import TextTarget
@@ -75,6 +73,8 @@ def check_programs(
         if name is not None:
             write_json(name, reports if listed else reports[0])
     if format != "text" and format != "json":
+        from cnc.report.findings import write_findings  # imports a library for XML
+
         write_findings(format, reports)
     if not listed:
         show(reports[0], common, stream)
@@ -301,6 +301,8 @@ def write_tool_table(program: str, file: str | None) -> None:
     Raises:
         UsageError: ``no-tools``, or the program cannot be read, or the file not written.
     """
+    from cnc.checks.tool_list import ToolList  # no check needs it
+
     with readable_file(program) as path:
         name = display_name(program)
         tools = ToolList.of(Text.of_file(path, name).all_lines())

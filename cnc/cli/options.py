@@ -7,6 +7,7 @@ import os
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from importlib import import_module
 from typing import TYPE_CHECKING, Annotated, Literal, TextIO
 
 from cyclopts import Parameter, validators
@@ -451,7 +452,7 @@ def load_library() -> None:
     # pydantic would search all installed packages for extensions of itself.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     try:
-        pass
+        import_module("cnc.api")
     finally:
         gc.freeze()
         gc.set_threshold(NEW_OBJECTS)

@@ -6,9 +6,9 @@ The simulation of the cut reads the program once more.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from typing import TYPE_CHECKING
 
 from cnc.checks.hints import Hints
-from cnc.checks.tool_list import ToolList
 from cnc.checks.travel import TravelCheck
 from cnc.gcode.reader.source_text import Text
 from cnc.machine.models import Stock
@@ -33,7 +33,9 @@ from cnc.session.kernel_needs import KernelNeeds
 from cnc.session.pipeline import program_path
 from cnc.session.program_reader import ProgramReader
 from cnc.session.required_capabilities import CapabilityCheck
-from cnc.stock.simulation import StockSimulation, ToolShape, tool_shape
+
+if TYPE_CHECKING:
+    from cnc.stock.simulation import StockSimulation, ToolShape
 
 MOST_FAULTS = 20
 """Limit on reported soft-limit faults. Further ones are counted."""
@@ -167,6 +169,8 @@ def simulate(
         stock: The raw part.
         resolution: Width of a cell, mm; None for the default.
     """
+    from cnc.stock.simulation import StockSimulation  # most machines have no stock
+
     machine = reader.machine
     simulation = StockSimulation(machine, stock, _shapes(reader), resolution)
     blocks = reader.simulated_blocks()
@@ -180,6 +184,9 @@ def _shapes(reader: ProgramReader) -> Callable[[int], ToolShape]:
 
     The tool table comes first. A comment of the program gives what the table lacks.
     """
+    from cnc.checks.tool_list import ToolList
+    from cnc.stock.simulation import tool_shape
+
     table, listed = reader.saved.tools(), None
 
     def shape(number: int) -> ToolShape:

@@ -26,7 +26,6 @@ from cnc.session.options import Outputs, RunOptions
 from cnc.session.program_reader import ProgramReader
 from cnc.session.resume import PausePlace
 from cnc.session.run_pulses import Progress
-from cnc.view.writer import check_picture
 
 if TYPE_CHECKING:
     from cnc.stock.simulation import Material
@@ -43,6 +42,8 @@ def check_outputs(outputs: Outputs) -> None:
     if outputs.stl is not None:
         suffix_of("stl", outputs.stl, STL_SUFFIXES)
     if outputs.picture is not None:
+        from cnc.view.writer import check_picture  # most programs have no picture
+
         check_picture(outputs.picture)
 
 

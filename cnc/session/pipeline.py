@@ -24,7 +24,6 @@ from cnc.pulses.sampled import Sampled
 from cnc.report.trace import TraceWriter, trace_writer
 from cnc.session.context import SessionContext, Stopwatch
 from cnc.session.program_reader import ProgramReader
-from cnc.view.writer import picture_writer
 
 PlanItems = Iterable[PlanChunk | Block]
 PathItems = Iterable[PathChunk | Block]
@@ -170,6 +169,8 @@ class PlannedMotion:
         context = self._context
         report, reader, picture = context.report, context.reader, None
         if context.options.outputs.picture is not None:
+            from cnc.view.writer import picture_writer  # most programs have no picture
+
             picture = context.files.opened(
                 picture_writer(context.options.outputs.picture, report, reader.path, reader.start)
             )

@@ -13,7 +13,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
-from typing import IO
+from typing import IO, TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,14 +35,12 @@ from cnc.gcode.dialects.recognition import (
 )
 from cnc.gcode.reader.parameters import Parameters, read_parameters, write_parameters
 from cnc.gcode.reader.source_text import Text
-from cnc.machine.height_map import HeightMap, load_height_map
 from cnc.machine.models import Machine
 from cnc.model import parameter_numbers as numbers
 from cnc.model.blocks import AXIS_LETTERS, Block, BoardCommand
 from cnc.model.choices import DialectName
 from cnc.model.diagnostics import CncError, Diagnostic, GcodeError, UsageError, printable
 from cnc.path.build import DueTimes
-from cnc.path.warp import Surface, Warp
 from cnc.planner.joints import Joints, ToolTipOf
 from cnc.report.result import WarpedBy
 from cnc.session.checkpoint import file_hash
@@ -53,6 +51,9 @@ from cnc.session.resume import (
     line_of_call,
     unanswered_line,
 )
+
+if TYPE_CHECKING:
+    from cnc.path.warp import Warp
 
 # The file that a program is read from, and the source lines that messages show.
 
@@ -620,6 +621,9 @@ class ProgramWarp:
     """
 
     def __init__(self, file: str, machine: Machine) -> None:
+        from cnc.machine.height_map import load_height_map  # most programs have no map
+        from cnc.path.warp import Surface
+
         self._file, self._map = file, load_height_map(Path(file))
         if machine.kind == "lathe" or not {"x", "y", "z"} <= set(machine.axes):
             message = f"a height map needs X, Y and Z of a mill; {machine.name} has others"
@@ -648,6 +652,8 @@ class ProgramWarp:
             start: Position of the machine before the program (axes,), mm.
             ceiling: Highest position of Z that keeps clear of its limit switch, mm; None without.
         """
+        from cnc.path.warp import Warp
+
         travel = machine.axes["z"].travel
         tops = [*([] if travel is None else [travel[1]]), *([] if ceiling is None else [ceiling])]
         self._warp = Warp(
@@ -689,7 +695,7 @@ class ProgramWarp:
 
     def used(self) -> WarpedBy:
         """Return the use of the map by the latest reading."""
-        surface: HeightMap = self._map
+        surface = self._map
         low, high = surface.extremes
         return WarpedBy(
             file=self._file,

@@ -8,6 +8,7 @@ from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,6 @@ from cnc.checks.portable import ProgramText, dialects_of, portability
 from cnc.checks.selection import unknown_codes
 from cnc.gcode.core.line_trace import LineTrace
 from cnc.gcode.dialects import Dialect
-from cnc.grbl_lines.grbl_timing import BoardTime
 from cnc.machine.models import Machine, Stock
 from cnc.model.blocks import Block
 from cnc.model.diagnostics import (
@@ -79,7 +79,9 @@ from cnc.session.required_capabilities import (
     refuse_lines,
 )
 from cnc.session.resume import PausePlace
-from cnc.stock.stl import write_stl
+
+if TYPE_CHECKING:
+    from cnc.grbl_lines.grbl_timing import BoardTime
 
 # Records of a run on a machine: its checkpoint, and the position check of a GRBL board.
 
@@ -542,6 +544,8 @@ class Session:
         if (on_cut := context.observer.callbacks.on_cut) is not None:
             on_cut(material)
         if context.options.outputs.stl is not None:
+            from cnc.stock.stl import write_stl  # few programs write a part
+
             write_stl(material, context.files.opened(BytesTarget(context.options.outputs.stl)))
 
     def _run_pass(

@@ -299,6 +299,32 @@ def test_help_imports_no_numerics(arguments):
     assert done.stdout
 
 
+@pytest.mark.parametrize(
+    ("arguments", "most"), [(["--help"], 30), (["check"], 250)], ids=["help", "refused program"]
+)
+def test_a_start_imports_few_modules(program, tmp_path, arguments, most):
+    """Each module takes about a millisecond. The limits leave room for a few more."""
+    refused = arguments == ["check"]
+    code = (
+        "import sys; from cnc.cli import exit_code; code = exit_code(sys.argv[1:]);"
+        "own = [name for name in sys.modules if name.partition('.')[0] == 'cnc'];"
+        "print(code, len(own), 'llvmlite' in sys.modules, file=sys.stderr)"
+    )
+    names = [program("G21 G90\nG1 X1O F600\nM2\n")] if refused else []
+    done = subprocess.run(
+        [sys.executable, "-c", code, *arguments, *names],
+        cwd=ROOT,
+        env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "nothing")},
+        capture_output=True,
+        text=True,
+        timeout=HANG,
+        check=False,
+    )
+    exit_code, own, loads = done.stderr.splitlines()[-1].split()
+    assert (exit_code, loads) == (str(int(refused)), "False"), done.stderr
+    assert int(own) <= most
+
+
 def test_a_program_imports_no_reader_of_another_language(program):
     code = (
         "import sys; from cnc.cli import exit_code; code = exit_code(sys.argv[1:]);"
@@ -322,6 +348,39 @@ def test_the_collector_looks_at_new_objects_less_often_than_by_default():
         assert gc.get_threshold()[0] == NEW_OBJECTS > 700
     finally:
         gc.set_threshold(*before)
+
+
+def test_the_collector_rests_during_imports_and_at_the_end(program):
+    """Both would search all objects of the library: a quarter of the time of a small program."""
+    code = """
+import atexit, gc, sys
+import cnc.cli, cnc.cli.commands
+from cnc.cli.options import load_library
+
+during_import = []
+gc.callbacks.append(lambda *_: during_import.append(1))
+load_library()
+del gc.callbacks[:]
+assert "cnc.api" in sys.modules
+assert not during_import
+assert len(gc.get_objects()) < 10_000
+# The last steps of Python search what is not frozen.
+atexit.register(lambda: print("left", len(gc.get_objects()), "all", gc.get_freeze_count()))
+cnc.cli.main()
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code, "check", program(GOOD)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=HANG,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    words = done.stdout.splitlines()[-1].split()
+    assert words[::2] == ["left", "all"]
+    assert int(words[1]) < 1_000
+    assert int(words[3]) > 50_000
 
 
 def test_help_fits_a_screen_and_has_one_line_for_each_command(cncrun):

@@ -178,7 +178,11 @@ from cnc.cli import exit_code
 assert exit_code(["check", "programs/trident.nc"]) == 0
 unneeded = {
     "numba", "lark", "rich", "scipy", "cnc.checks.baseline", "cnc.session.homing",
-    "cnc.gcode.turning.cycles", "cnc.grbl_lines.translator", "cnc.session.run_lines",
+    "cnc.gcode.turning.cycles", "cnc.gcode.turning.roughing", "cnc.grbl_lines.translator",
+    "cnc.session.run_lines", "cnc.grbl_lines.grbl_timing", "cnc.view.writer",
+    "cnc.stock.simulation", "cnc.stock.stl", "cnc.checks.tool_list", "cnc.report.findings",
+    "cnc.batch.dask_cluster", "cnc.machine.height_map", "cnc.path.warp", "numpy.polynomial",
+    "xml.etree.ElementTree", "asyncio", "serial",
 }
 found = unneeded & set(sys.modules)
 assert not found, found

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -537,10 +538,18 @@ class ControlPolygon(PointCollector):
 
 Floats = NDArray[np.float64]
 
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 _TOLERANCE = 1e-11
 """Error of the length of a piece, as a part of the control polygon."""
 _HALVINGS = 40
+
+
+@cache
+def _gauss() -> tuple[Floats, Floats]:
+    """Return nodes (12,) and weights (12,) of Gaussian quadrature on -1 to 1.
+
+    They are computed when a length is needed: that imports a part of numpy.
+    """
+    return np.polynomial.legendre.leggauss(12)
 
 
 def clamped(intervals: Sequence[float], degree: int) -> Floats:
@@ -590,7 +599,8 @@ def _piece(knots: Floats, form: Floats, degree: int, span: int, tolerance: float
 
     def measured(a: float, b: float) -> float:
         half = (b - a) / 2
-        return half * float(_WEIGHTS @ _speed(knots, form, degree, span, a + half + half * _NODES))
+        nodes, factors = _gauss()
+        return half * float(factors @ _speed(knots, form, degree, span, a + half + half * nodes))
 
     total = 0.0
     a, b = float(knots[span]), float(knots[span + 1])

@@ -27,6 +27,8 @@ _AXIS_OF = {"U": "X", "V": "Y", "W": "Z", "H": "C"}
 _OFFSETS = 100
 """A T word is the number of the tool times this, plus that of the offset."""
 _LONGEST = 9999
+MOST_PASSES = 10_000
+"""Limit on the passes or pecks of a cycle."""
 
 
 def power_on(state: ModalState, dialect: Dialect, diameters: bool | None) -> None:

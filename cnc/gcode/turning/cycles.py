@@ -32,8 +32,8 @@ from cnc.gcode.core.motion import Handler, Motion
 from cnc.gcode.kernels.cycles import ROUNDING, Hole, HoleSettings, peck_count
 from cnc.gcode.reader.words import G, LineWords, Word, fault, not_negative, positive, whole
 from cnc.gcode.turning import threads
+from cnc.gcode.turning.codes import MOST_PASSES
 from cnc.gcode.turning.moves import TurningMoves
-from cnc.gcode.turning.roughing import MOST_PASSES
 
 # Drilling cycles of lathes: G83 to G85 along Z, G87 to G89 along X, and Haas' G81, G82, G86.
 #

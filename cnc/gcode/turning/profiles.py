@@ -27,11 +27,10 @@ from cnc.gcode.dialects import Dialect
 from cnc.gcode.reader.source_text import Place
 from cnc.gcode.reader.statements import Control, Statement
 from cnc.gcode.reader.words import G, LineWords, Word, fault, whole
-from cnc.gcode.turning.codes import take_least_increments
+from cnc.gcode.turning.codes import MOST_PASSES, take_least_increments
 from cnc.gcode.turning.cycles import TurningCycles
 from cnc.gcode.turning.moves import TurningMoves
 from cnc.gcode.turning.roughing import (
-    MOST_PASSES,
     SLACK,
     TINY,
     Cut,

@@ -258,9 +258,6 @@ def arc_block(
     )
 
 
-MOST_PASSES = 10_000
-
-
 @dataclass(frozen=True, slots=True)
 class Traverse:
     """A traverse to a point of the view."""

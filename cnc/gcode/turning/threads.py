@@ -36,8 +36,8 @@ from cnc.gcode.core.modal_groups import Code, Feed
 from cnc.gcode.core.motion import Handler, Motion, MotionCodes
 from cnc.gcode.kernels.cycles import ROUNDING
 from cnc.gcode.reader.words import G, LineWords, Word, fault, not_negative, positive, whole
+from cnc.gcode.turning.codes import MOST_PASSES
 from cnc.gcode.turning.moves import TurningMoves
-from cnc.gcode.turning.roughing import MOST_PASSES
 from cnc.model.blocks import Overrides
 
 WIDEST = 120.0
