@@ -79,15 +79,15 @@ def check_programs(
     if not listed:
         show(reports[0], common, stream)
     quiet = common.terminal.quiet
-    if not quiet and format == "text":
-        print(*_repairable(reports), sep="\n", end="", file=stream)
+    if not quiet and format == "text" and (repairable := _repairable(reports)):
+        print(repairable, file=stream)
     if before is not None and not quiet:
         print(*change_lines(reports, before.missing(reports)), sep="\n", file=stream)
     return end(reports, quiet=quiet, fail_on=fail_on)
 
 
-def _repairable(reports: Sequence[Report]) -> list[str]:
-    """Return a line with the number of findings that have a repair; none without any."""
+def _repairable(reports: Sequence[Report]) -> str:
+    """Return a line with the number of findings that have a repair; empty without any."""
     fixes = [finding.fix for report in reports for finding in report.findings if finding.fix]
     safe = sum(fix.safe for fix in fixes)
     parts = [
@@ -95,7 +95,7 @@ def _repairable(reports: Sequence[Report]) -> list[str]:
         for count, name in ((safe, "--fix"), (len(fixes) - safe, "--fix --unsafe-fixes"))
         if count
     ]
-    return [f"{', '.join(parts)}\n"] if parts else []
+    return ", ".join(parts)
 
 
 def check_one(

@@ -74,7 +74,7 @@ def test_a_jog_without_a_sign_of_life_ends(any_operator):
 
 
 def test_three_signs_of_life_of_the_page_fit_in_the_silence():
-    page = (ROOT / "cnc" / "server" / "page" / "machine.js").read_text(encoding="utf-8")
+    page = (ROOT / "cnc" / "server" / "page" / "jog.js").read_text(encoding="utf-8")
     period = re.search(r"const KEEP = (\d+);", page)
     assert 3 * int(period[1]) <= 1000 * KEEP_ALIVE
 
