@@ -281,7 +281,11 @@ class LookAhead:
         if not stops:
             self._window.follow_to_rest()
         while self._window.moving:
-            self._finish(self._window.take(LONG))
+            # A motion that can't stop yet is tried again with each slice, as for a hold.
+            late = stops and self._window.stops_late
+            self._finish(self._window.take(self._slice_s if late else LONG))
+            if late and self._window.moving:
+                self._requested(0.0)
         self._finish_at_rest()
         yield from self._handed_out()
 

@@ -128,6 +128,8 @@ class Window:
         clock: of the run, up to where the next slice begins.
         unproved: whether phases were settled since the last copy that the audit accepted.
         caution: number of times that the next plan is made slower, because a plan was refused.
+        stops_late: whether a stop is wanted, but no plan was found yet that rests before the
+            current one does.
     """
 
     def __init__(self, limits: Limits, stops_known: float = STOPS_KNOWN) -> None:
@@ -140,8 +142,7 @@ class Window:
         self._at = 0.0
         self._plan = CurrentPlan(NO_PHASES.copy(), 0.0, 0, 0, 0, 1, -inf, limits)
         self._stopping = False
-        self._stops_late = False
-        """Whether no plan was found yet that rests before the current one does."""
+        self.stops_late = False
 
     @property
     def limits(self) -> Limits:
@@ -298,7 +299,7 @@ class Window:
         plan = self._plan
         self._at = plan.rest_at = self._path.move_to(self._at, piece, place)
         plan.phases, plan.settled, plan.unsettled = plan.phases[:0], 0, 0
-        self._stopping, self._stops_late, self.unproved = True, False, False
+        self._stopping, self.stops_late, self.unproved = True, False, False
 
     def runs_at(self, feed_factor: float) -> bool:
         """Return whether the motion is planned with this factor of the feeds already."""
@@ -326,14 +327,14 @@ class Window:
 
     def stop(self) -> None:
         """Come to rest on the path as soon as the limits allow, from the next slice on."""
-        if not self.moving or (self._stopping and not self._stops_late):
+        if not self.moving or (self._stopping and not self.stops_late):
             return
         self._rebase()
         plan = self._plan
         request = Request(self._path, plan.phases, self._at, plan.rest_at, True, True)
         enough = rests_soon(request)
-        self._stops_late = not (enough or self._redirect(request))
-        if enough or self._stops_late:
+        self.stops_late = not (enough or self._redirect(request))
+        if enough or self.stops_late:
             # No rest is earlier than that of the plan: at the next stop of the path, or at the end
             # of the known path.
             self.follow_to_rest()

@@ -33,6 +33,7 @@ from tests.support.planner.requests import (
     last_above,
     random_program,
     stop_time,
+    stop_time_of_joints,
 )
 from tests.support.soak import share
 
@@ -138,6 +139,20 @@ def test_the_audit_accepts_what_follows(number, seed, before, percent, moment, t
     assert last is not None
     assert last.phase_v[-1] == 0.0
     assert end > moment
+
+
+def test_a_stop_that_is_not_possible_yet_is_tried_again(tmp_path):
+    """Near a pole no ramp to rest is found for 0.2 s. The rest of the plan takes 4.3 s."""
+    rng = np.random.default_rng([29112217, FAMILIES.index("five axes"), 1])
+    program = random_program("five axes", rng, tmp_path)
+    ahead = LookAhead(program.machine, Control(30.0))
+    for item in ahead.plan(program.path):
+        if isinstance(item, PlanChunk) and item.t0 + item.duration >= 10.0362:
+            break
+    ramp = stop_time_of_joints(item, program.machine)
+    stopped = list(ahead.ramp_down())
+    taken = stopped[-1].t0 + stopped[-1].duration - (item.t0 + item.duration)
+    assert taken <= SLICE + RAMPS_TO_REST * ramp
 
 
 INSIDE = 0.95
