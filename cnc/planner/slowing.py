@@ -253,6 +253,11 @@ Ramp = tuple[Phases, float]
 HORIZON = 8.0
 """Motion is slowed within this many stopping distances, or not at all."""
 
+FAR_HORIZON = 20.0
+"""A stop is sought within this many, where there is none within the shorter horizon: near a pole
+the joints move at their limits for long.
+"""
+
 CROSSING = 10.0
 """The horizon is farther by so many periods at the speed: slow motion rests in a shorter length
 than that of a junction, which it has to cross before.
@@ -370,7 +375,10 @@ def slowed(request: Request) -> SlowedPlan | None:
     """
     plan = request.plan
     speed, acceleration = float(plan[0]["v"]), float(plan[0]["a"])
-    if request.stops and (ramp := _shortest_stop(request)) is not None:
+    ramp = None
+    if request.stops:
+        ramp = _shortest_stop(request, HORIZON) or _shortest_stop(request, FAR_HORIZON)
+    if ramp is not None:
         sooner = float(ramp.phases["duration"].sum()) < _time_to_rest(plan)
         return ramp if sooner else None
     lead = plan[: first_steady(plan) if acceleration != 0.0 else 0]
@@ -485,13 +493,16 @@ def _time_to_rest(plan: Phases) -> float:
     return float(plan["duration"][: first_rest(plan)].sum())
 
 
-def _shortest_stop(request: Request) -> SlowedPlan | None:
-    """Return the shortest ramp to rest, where no junction is on the way; else None."""
+def _shortest_stop(request: Request, horizon: float) -> SlowedPlan | None:
+    """Return the shortest ramp to rest, where no junction is on the way; else None.
+
+    ``horizon``: how far it is sought, in stopping distances.
+    """
     path, limits, plan = request.path, request.path.limits, request.plan
     _, s, v, a, _ = plan[0].tolist()
     fastest = float(plan["v"].max())
     slowing = replace(limits, slowing_from=fastest * (1.0 + MARGIN), feed_factor=0.0)
-    ahead = HORIZON * limits.stopping_distance(fastest, any_direction=True)
+    ahead = horizon * limits.stopping_distance(fastest, any_direction=True)
     end = min(request.goal, s + ahead)
     near = path.intervals(slowing, s, end)
     level = path.intervals(replace(limits, feed_factor=inf), s, end)

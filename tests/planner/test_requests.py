@@ -155,6 +155,24 @@ def test_a_stop_that_is_not_possible_yet_is_tried_again(tmp_path):
     assert taken <= SLICE + RAMPS_TO_REST * ramp
 
 
+def test_a_lower_feed_near_a_pole_is_planned_with_the_next_slice(tmp_path):
+    """The ramp to rest is longer there than a search goes at first."""
+    rng = np.random.default_rng([29112217, FAMILIES.index("five axes"), 1])
+    program = random_program("five axes", rng, tmp_path)
+    control = Control(60.0)
+    ahead, end, requested, planned = LookAhead(program.machine, control), 0.0, math.nan, math.nan
+    for item in ahead.plan(program.path):
+        if not isinstance(item, PlanChunk):
+            continue
+        if not math.isnan(requested) and math.isnan(planned) and ahead.feed_factor == 0.5:
+            planned = end
+        end = item.t0 + item.duration
+        if math.isnan(requested) and end >= 11.6:
+            control.override(50.0)
+            requested = end
+    assert planned - requested <= 1.5 * SLICE
+
+
 INSIDE = 0.95
 """Part of the requests inside of long motions past corners for which there is room at once."""
 
