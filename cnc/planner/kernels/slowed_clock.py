@@ -408,6 +408,9 @@ def next_step(
 ROUNDED = 1e-3
 """Relative difference of two times of a phase that rounding explains."""
 
+ROUNDED_LENGTH = 1e-15
+"""The same of two arc lengths. At the end of a plan the whole phase may be so short."""
+
 
 @njit
 def write_copy(state: State, part: float, plan: Phases, out: Phases, count: int) -> int:
@@ -423,7 +426,8 @@ def write_copy(state: State, part: float, plan: Phases, out: Phases, count: int)
         v, a = v * part, a * square
         if (v - state.v) * (a + state.a) > 0.0:
             exact = 2.0 * (v - state.v) / (a + state.a)
-            if abs(exact - left) <= ROUNDED * left:
+            apart = abs(exact - left)
+            if apart <= ROUNDED * left or apart * max(state.v, v) <= ROUNDED_LENGTH * state.s:
                 left, j = exact, (a - state.a) / exact
         write_phase(out, count, left, state.s, state.v, state.a, j)
         count += 1
