@@ -20,7 +20,6 @@ from cnc.cli.options import CheckFormat, CheckOptions, CommonOptions
 from cnc.cli.progress import ProgressDisplay, print_compiling
 from cnc.cli.projects import jobs_of, options_of
 from cnc.gcode.reader.source_text import Text
-from cnc.machine.load import load_machine
 from cnc.model.choices import DialectName
 from cnc.model.diagnostics import (
     EXIT_REJECTED,
@@ -275,11 +274,27 @@ def compare_programs(
     *,
     quiet: bool,
 ) -> int:
-    """Compare two programs; write and print the result; return the exit code."""
+    """Compare two programs; write and print the result; return the exit code.
+
+    Raises:
+        UsageError: ``usage`` where their project files name different machines.
+    """
     from cnc.compare.programs import compare  # no check needs it
 
+    common = CommonOptions(machine=machine, dialect=dialect)
+    first, second = (options_of(name, common) for name in names)
+    if first.machine.file != second.machine.file:
+        message = f"the programs belong to two machines: {first.machine.file} and "
+        message += str(second.machine.file)
+        hint = "name the machine to compare them on with --machine"
+        raise UsageError(Diagnostic("usage", message, hint=hint))
     with ProgressDisplay(Control(), quiet=quiet) as display:
-        comparison = compare(*names, load_machine(machine), dialect, display.callbacks())
+        comparison = compare(
+            *names,
+            (first.machine, second.machine),
+            (first.common.run_options(), second.common.run_options()),
+            display.callbacks(),
+        )
     if all(report.ok and report.stopped_at_line is None for report in comparison.reports):
         if json is not None:
             write_object(json, comparison.as_json())

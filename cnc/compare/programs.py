@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.machine.models import Machine
-from cnc.model.choices import DialectName
 from cnc.model.diagnostics import printable
 from cnc.path.chunk import PathChunk
 from cnc.path.kernels.curve import ARC, LENGTH, LINE, SPAN, START, TABLE, U0, U1, curve_eval
@@ -547,8 +546,8 @@ class Difference:
 def compare(
     first: Path | str,
     second: Path | str,
-    machine: Machine,
-    dialect: DialectName | None,
+    machines: tuple[Machine, Machine],
+    options: tuple[RunOptions, RunOptions] = (RunOptions(), RunOptions()),
     callbacks: Callbacks | None = None,
 ) -> Difference:
     """Plan both programs and compare their motion.
@@ -556,14 +555,15 @@ def compare(
     Args:
         first: the first program.
         second: the second program.
-        machine: the machine.
-        dialect: dialect of the programs; None for that of the machine.
+        machines: the machine of each, with the same axes and start; tool tables may differ.
+        options: how to read each.
         callbacks: called during the planning; None for none.
     """
-    first_report, first_track = _planned(first, machine, dialect, callbacks)
+    machine = machines[0]
+    first_report, first_track = _planned(first, machine, options[0], callbacks)
     if not first_report.ok:
         return Difference((first_report,))
-    second_report, second_track = _planned(second, machine, dialect, callbacks)
+    second_report, second_track = _planned(second, machines[1], options[1], callbacks)
     if not second_report.ok:
         return Difference((first_report, second_report))
     apart = farthest(first_track, second_track)
@@ -579,16 +579,10 @@ def compare(
 
 
 def _planned(
-    program: Path | str, machine: Machine, dialect: DialectName | None, callbacks: Callbacks | None
+    program: Path | str, machine: Machine, options: RunOptions, callbacks: Callbacks | None
 ) -> tuple[Report, Track]:
     recorder = Recorder(start_position(machine))
-    session = Session(
-        program,
-        machine,
-        RunOptions(dialect=dialect),
-        callbacks=callbacks,
-        on_plan=recorder.add,
-    )
+    session = Session(program, machine, options, callbacks=callbacks, on_plan=recorder.add)
     return session.run(), recorder.track()
 
 

@@ -206,3 +206,28 @@ def test_an_unreadable_project_file_is_named(tmp_path: Path) -> None:
     (tmp_path / "cncrun.toml").write_bytes(b"\xff")
     with pytest.raises(MachineFileError, match="project-file-unreadable"):
         project_of(tmp_path / "a.nc")
+
+
+def test_diff_reads_each_program_as_its_project_says(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The second one is in another language."""
+    write(folder, 'machine = "mill.toml"\n[[programs]]\nfiles = ["b.nc"]\ndialect = "heidenhain"\n')
+    (folder / "a.nc").write_text("G21 G90\nG1 X5 F600\nM30\n")
+    (folder / "b.nc").write_text("BEGIN PGM B MM\nL X+6 F600\nEND PGM B MM\n")
+    assert exit_code(["diff", str(folder / "a.nc"), str(folder / "b.nc")]) == 0
+    assert "1 mm" in capsys.readouterr().out
+
+
+def test_diff_refuses_programs_of_two_machines(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write(
+        folder,
+        'machine = "mill.toml"\n[[programs]]\nfiles = ["lathe/*.nc"]\nmachine = "lathe.toml"\n',
+    )
+    programs = [str(folder / "a.nc"), str(folder / "lathe/b.nc")]
+    assert exit_code(["diff", *programs]) == 2
+    assert "--machine" in capsys.readouterr().err
+    # Followed to the letter, the advice leads to the result.
+    assert exit_code(["diff", *programs, "--machine", str(folder / "mill.toml")]) == 0

@@ -32,7 +32,7 @@ def difference(tmp_path):
     def look(one: str, other: str):
         for name, text in ("a.nc", one), ("b.nc", other):
             (tmp_path / name).write_text(HEAD + text + "\nM2\n")
-        return compare(tmp_path / "a.nc", tmp_path / "b.nc", MACHINE, None)
+        return compare(tmp_path / "a.nc", tmp_path / "b.nc", (MACHINE, MACHINE))
 
     return look
 
@@ -116,7 +116,7 @@ def test_one_moved_point(tmp_path_factory, index, far, axis):
         ]
         (folder / name).write_text(HEAD + "G1 " + "\n".join(lines) + "\nM2\n")
         points[index][axis] += far
-    found = compare(folder / "a.nc", folder / "b.nc", MACHINE, None)
+    found = compare(folder / "a.nc", folder / "b.nc", (MACHINE, MACHINE))
     assert 0.3 * far < found.distance <= far + 1e-3
     assert abs(found.places[0].line - (index + 2)) <= 1
     assert abs(found.places[1].line - (index + 2)) <= 1
