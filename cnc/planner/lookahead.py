@@ -43,7 +43,7 @@ from cnc.planner.kernels.corner_search import new_solutions
 from cnc.planner.known_path import with_feeds_in_effect
 from cnc.planner.limits import Limits
 from cnc.planner.plan import PlanChunk
-from cnc.planner.window import LONG, SLICE, STOPS_KNOWN, Window
+from cnc.planner.window import LONG, SLICE, SLICE_LENGTH, STOPS_KNOWN, Window
 
 # Where a request of the operator may begin.
 #
@@ -283,7 +283,7 @@ class LookAhead:
         while self._window.moving:
             # A motion that can't stop yet is tried again with each slice, as for a hold.
             late = stops and self._window.stops_late
-            self._finish(self._window.take(self._slice_s if late else LONG))
+            self._finish(self._window.take(self._slice_s if late else LONG, 0.0))
             if late and self._window.moving:
                 self._requested(0.0)
         self._finish_at_rest()
@@ -326,7 +326,7 @@ class LookAhead:
                 waits = False
                 continue
             if window.settled:
-                self._take_slice()
+                self._take_slice(short=waits or window.stops_late)
             waits = False
 
     def _requested(self, factor: float) -> bool:
@@ -432,11 +432,15 @@ class LookAhead:
         self._window.add(path, previous, item)
         self._rewind.note(path, previous, item)
 
-    def _take_slice(self) -> None:
-        """Take a slice from the window, and finish what can be."""
+    def _take_slice(self, *, short: bool) -> None:
+        """Take a slice from the window, and finish what can be.
+
+        ``short``: a request waits for its end, so slow motion has no longer slice.
+        """
         if self._control is not None:
             self._rewind.keep(self._window)
-        self._finish(self._window.take(self._slice_s))
+        length = 0.0 if short else SLICE_LENGTH
+        self._finish(self._window.take(self._slice_s, length))
         self._leave_out()
 
     def _beginnings(self, factor: float) -> list[Beginning]:

@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 
 from cnc.machine.models import Axis, Machine, PathLimits
-from cnc.model.blocks import PathMode
+from cnc.model.blocks import Held, PathMode
 from cnc.model.operator_control import Control
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
@@ -174,6 +174,22 @@ def test_a_lower_feed_near_a_pole_is_planned_with_the_next_slice(tmp_path):
             control.override(50.0)
             requested = end
     assert planned - requested <= 1.5 * SLICE
+
+
+def test_a_hold_of_slow_motion_is_tried_again_after_a_slice(tmp_path):
+    """Other slices of motion at 0.02 mm/s take half a second: they cover 0.01 mm."""
+    rng = np.random.default_rng([29112250, FAMILIES.index("five axes"), 39])
+    program = random_program("five axes", rng, tmp_path)
+    control, end = Control(), 0.0
+    for item in LookAhead(program.machine, control).plan(program.path):
+        if isinstance(item, Held):
+            break
+        if isinstance(item, PlanChunk):
+            end = item.t0 + item.duration
+            if end >= 31.432 and not control.held:
+                control.hold()
+                requested, ramp = end, stop_time_of_joints(item, program.machine)
+    assert end - requested <= SLICE + RAMPS_TO_REST * ramp
 
 
 INSIDE = 0.95

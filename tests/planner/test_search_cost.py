@@ -152,3 +152,35 @@ def test_a_stretch_takes_no_more_cells_than_its_time_allows(rough, monkeypatch):
     else:
         assert sum(cells[:-1]) * refine.FAILED <= allowed
         assert (out[:count] == phases).all()
+
+
+@pytest.mark.parametrize("seed", range(4)[:: share(1, 2)])
+def test_a_stretch_with_too_many_cells_is_refined_as_far_as_its_time_allows(seed):
+    """Half of the cells give about half of the gain; behind them the plan stays."""
+    petals, size = np.random.default_rng(seed).uniform((4.0, 6.0), (6.0, 9.0))
+    turn = np.linspace(0.0, 36.0, 3000)
+    radius = size * (1.0 + 0.5 * np.cos(petals * turn))
+    points = np.stack((radius * np.cos(turn), radius * np.sin(turn), 0.0 * turn), axis=1)
+    blocks = [PathMode("t.nc", 1, "blend", 0.01), lines(points - points[0], 100.0)]
+    path = next(item for item in path_of(blocks) if isinstance(item, PathChunk))
+    limits = Limits.of(machine(axis=(1000.0, 20_000.0)))
+    known = intervals_of(path, limits, STANDSTILL, STANDSTILL)
+    _, phases = plan_to_rest(0.0, known, 0.0, limits, refined=False)
+    stretch = Stretch(phases, 0, len(phases), float(known.end[-1]), 0.0, False)
+    cells = len(plan_cells(stretch, known, sum_limits(limits.arrays)).length)
+    assert cells > 4 * refine.WINDOW, "the case shows nothing"
+    times = []
+    for part in (0.0, 0.5, 1.0):
+        left = np.full(1, part * cells * (1.0 + refine.OVERLAP / refine.WINDOW))
+        out = np.empty(8 * len(phases) + 8192, phases.dtype)
+        legal, out, count = refine.refine_stretch(
+            stretch, known, sum_limits(limits.arrays), left, out, 0
+        )
+        assert legal
+        assert left[0] > -refine.FAILED * (refine.WINDOW + refine.OVERLAP)
+        times.append(float(out[:count]["duration"].sum()))
+        assert (np.diff(out[:count]["s"]) > 0.0).all()
+    assert times[0] == pytest.approx(float(phases["duration"].sum()), rel=1e-12)
+    gain = times[0] - times[2]
+    assert gain > 0.02 * times[0], times
+    assert times[0] - times[1] > 0.3 * gain

@@ -242,7 +242,7 @@ def refine_stretch(
 
     Of each window the last cells are solved again together with the next ones. Where no legal
     motion is found so, the next ones are solved on their own, or in two parts. A window without a
-    legal motion keeps the phases of the plan. So does a stretch that would take too much computing.
+    legal motion keeps the phases of the plan. So does what is behind the last window that may be solved.
 
     Args:
         stretch: the stretch.
@@ -267,14 +267,21 @@ def refine_stretch(
     start, before = count, 0.0
     for r in range(stretch.first, stretch.last):
         before += rows[r]["duration"]
-    if n > left[0]:
-        return True, out, _as_planned(stretch, out, count)
     most = stretch.last - stretch.first + 2
     legal = True
     head = part_of(plan, 0, 0)
     done = 0
     longest = WINDOW
     while done < n:
+        if left[0] <= 0.0:
+            out = with_space(out, count, 4 * len(head.length) + most)
+            count = write_cells(head, 0, len(head.length), out, count)
+            written, fits = write_rows(
+                stretch, plan.s[done], plan.s[n], intervals, limits, out[count:]
+            )
+            count += written
+            legal = legal and fits
+            break
         size = max(longest - len(head.length), OVERLAP)
         until = n if n - done <= size + OVERLAP else done + size
         window = window_of(head, plan, done, until, intervals)
@@ -288,8 +295,6 @@ def refine_stretch(
             describe(window, intervals)
         solved, cells = fastest(window, intervals, limits)
         left[0] -= size if solved else FAILED * size
-        if left[0] < 0.0:
-            return True, out, _as_planned(stretch, out, start)
         out = with_space(out, count, 4 * (len(cells.length) + len(head.length)) + most)
         if not solved and len(head.length) > 0:
             # The motion behind the seam stays, and the next window begins behind it.
