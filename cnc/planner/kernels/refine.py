@@ -242,7 +242,7 @@ def refine_stretch(
 
     Of each window the last cells are solved again together with the next ones. Where no legal
     motion is found so, the next ones are solved on their own, or in two parts. A window without a
-    legal motion keeps the phases of the plan. So does what is behind the last window that may be solved.
+    legal motion keeps the phases of the plan. So does the rest, where no more cells may be solved.
 
     Args:
         stretch: the stretch.
