@@ -6,12 +6,13 @@ import re
 import subprocess
 import textwrap
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 import yaml
 
 from cnc.api import check, from_text
-from docs import dialect_tables
+from docs import dialect_tables, formulas
 from tests.support.paths import ROOT
 
 LINK = re.compile(r"\]\(([^)\s]+)\)")
@@ -118,3 +119,23 @@ def test_the_errors_of_the_first_page_and_of_the_tutorial_are_those_of_the_comma
     assert check(from_text(program)).ok
     wrong = check(from_text(program.replace(change[1], change[2]))).faults[0].diagnostic
     assert (wrong.code, wrong.line, wrong.column) == ("soft-limit", 8, 4)
+
+
+def test_formulas_become_mathml() -> None:
+    """Every formula of the pages is one that the site can draw."""
+    count = 0
+    for page in PAGES:
+        text = (ROOT / page).read_text(encoding="utf-8")
+        drawn = formulas.on_page_markdown(text)
+        count += drawn.count("<math ")
+        assert "$$" not in re.sub(r"```.*?```|`[^`]*`", "", drawn, flags=re.DOTALL), page
+    assert count >= 3
+
+
+def test_the_parts_of_a_formula_are_those_of_its_text() -> None:
+    drawn = formulas.on_page_markdown("at most\n\n$$\n\\sqrt{\\frac{a}{b}}\n$$\n\nas `$$` in code")
+    root = ElementTree.fromstring(drawn[drawn.index("<math") : drawn.index("</math>") + 7])
+    kinds = [item.tag.rpartition("}")[2] for item in root.iter()]
+    assert [kind for kind in kinds if kind != "mrow"] == ["math", "msqrt", "mfrac", "mi", "mi"]
+    assert [item.text for item in root.iter() if item.text] == ["a", "b"]
+    assert drawn.endswith("as `$$` in code")
