@@ -26,7 +26,7 @@ ACCEPTED = 0.5 * TOLERANCE
 
 
 def accepted_plan(
-    path: KnownPath, start: float, goal: float, v_start: float
+    path: KnownPath, start: float, goal: float, v_start: float, idle: float = 0.0
 ) -> tuple[int, Phases, Intervals]:
     """Plan from ``start`` to rest at ``goal``, with intervals that are fine enough.
 
@@ -35,6 +35,7 @@ def accepted_plan(
         start: arc length, mm.
         goal: arc length of the rest.
         v_start: speed at the start, mm/s.
+        idle: time of motion before in which nothing was planned, s.
 
     Returns:
         The status and the phases of :func:`cnc.planner.phases.plan_to_rest`, and the intervals.
@@ -44,7 +45,7 @@ def accepted_plan(
         intervals = path.intervals(limits, start, goal)
         if v_start == 0.0:
             intervals = open_at_start(intervals)
-        status, phases = plan_to_rest(start, intervals, v_start, limits)
+        status, phases = plan_to_rest(start, intervals, v_start, limits, idle=idle)
         if status != PLANNED:
             return status, phases, intervals
         exceeding = exceeding_sections(path, phases, intervals)

@@ -32,6 +32,7 @@ def plan_to_rest(
     lead: Phases = NO_PHASES,
     *,
     refined: bool = True,
+    idle: float = 0.0,
 ) -> tuple[int, Phases]:
     """Plan from ``start`` to rest at the end of ``intervals``.
 
@@ -46,6 +47,7 @@ def plan_to_rest(
         limits: of the machine.
         lead: phases to the start, over the first of the intervals; they become part of the plan.
         refined: whether the plan may be refined. Without a refinement there is none behind a lead.
+        idle: time of motion before in which nothing was planned, s.
 
     Returns:
         The status of :func:`cnc.planner.kernels.lookahead.plan_window`, and the phases.
@@ -73,7 +75,7 @@ def plan_to_rest(
         if status != PLANNED:
             return status, phases
     legal, phases = refine(
-        np.concatenate((lead, phases)), lowered(whole), limits.arrays, rough or len(lead) > 0
+        np.concatenate((lead, phases)), lowered(whole), limits.arrays, rough or len(lead) > 0, idle
     )
     return (PLANNED, phases) if legal else (START_TOO_FAST, phases[:0])
 

@@ -143,6 +143,8 @@ class Window:
         self._plan = CurrentPlan(NO_PHASES.copy(), 0.0, 0, 0, 0, 1, -inf, limits)
         self._stopping = False
         self.stops_late = False
+        self._planned_at = 0.0
+        self._requested = False
 
     @property
     def limits(self) -> Limits:
@@ -216,7 +218,7 @@ class Window:
             path = path.under(path.limits.slower(MORE_SLOWLY**self.caution))
         goal, rests = path.goal(self._at)
         v = float(plan.phases[0]["v"]) if len(plan.phases) else 0.0
-        status, phases, intervals = accepted_plan(path, self._at, goal, v)
+        status, phases, intervals = accepted_plan(path, self._at, goal, v, self._idle())
         if status == START_TOO_FAST and len(plan.phases):
             # The last plan is legal to its end: follow it to a point without acceleration, and try
             # again from there.
@@ -236,7 +238,15 @@ class Window:
                 )
             )
         self._accept(phases, goal, intervals, rests=rests)
+        self._planned_at, self._requested = self.clock.seconds, False
         return self._plan.settled > 0
+
+    def _idle(self) -> float:
+        """Return the time in which the motion was the last plan's, if a request ended it, s.
+
+        That plan was computed before its motion, and the rest of it is in vain.
+        """
+        return self.clock.seconds - self._planned_at if self._requested else 0.0
 
     def take(self, seconds: float, length: float = SLICE_LENGTH) -> list[PlanChunk]:
         """Return the next slice of about ``seconds``, of the phases that :meth:`prepared` settled.
@@ -313,6 +323,7 @@ class Window:
         """
         if self.runs_at(feed_factor):
             return True
+        self._requested = True
         self._rebase()
         before = self._path
         self._path = before.under(replace(before.limits, feed_factor=feed_factor))
@@ -329,6 +340,7 @@ class Window:
         """Come to rest on the path as soon as the limits allow, from the next slice on."""
         if not self.moving or (self._stopping and not self.stops_late):
             return
+        self._requested = True
         self._rebase()
         plan = self._plan
         request = Request(self._path, plan.phases, self._at, plan.rest_at, True, True)

@@ -69,7 +69,7 @@ def test_a_legal_plan_on_a_straight_path_is_kept_where_it_may_be_illegal():
     known = intervals_of(chunk, limits, STANDSTILL, STANDSTILL)
     known = known._replace(flat=np.zeros_like(known.flat))
     _, phases = plan_to_rest(0.0, known, 0.0, limits)
-    legal, kept = refine(phases, known, limits.arrays, True)
+    legal, kept = refine(phases, known, limits.arrays, True, 0.0)
     assert legal
     cruise = int(np.argmax(phases["duration"]))
     assert len(kept) <= len(phases) + 2  # the cruise is in up to three parts
@@ -85,7 +85,7 @@ def test_a_legal_plan_on_a_straight_path_is_kept_where_it_may_be_illegal():
         ],
         PHASE,
     )
-    legal, found = refine(fast, known, limits.arrays, True)
+    legal, found = refine(fast, known, limits.arrays, True, 0.0)
     assert not legal or found["v"].max() < fast["v"].max()
 
 

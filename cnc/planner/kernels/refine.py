@@ -329,7 +329,7 @@ def refine_stretch(
 
 @njit
 def refine(
-    phases: Phases, intervals: Intervals, machine: LimitArrays, rough: bool
+    phases: Phases, intervals: Intervals, machine: LimitArrays, rough: bool, idle: float
 ) -> tuple[bool, Phases]:
     """Make a plan faster where curves cost time.
 
@@ -339,6 +339,8 @@ def refine(
         machine: the limits.
         rough: whether the plan itself may be illegal. A stretch of it that is legal, and can hardly
             gain, stays as it is.
+        idle: time of motion before the plan in which nothing was planned, s. It allows computing,
+            too.
 
     Returns:
         Whether the result is legal, and its phases; none if it is not.
@@ -349,7 +351,7 @@ def refine(
     total = separate(phases, intervals, rows, fixed)
     left = np.full(1, math.inf)
     if not rough:
-        left[0] = max(MOST_CELLS * phases["duration"].sum(), LEAST_CELLS)
+        left[0] = max(MOST_CELLS * (phases["duration"].sum() + idle), LEAST_CELLS)
     out = np.empty(4 * total + 256, PHASE)
     count = 0
     first = 0
