@@ -755,11 +755,19 @@ class Lines(ExpressionRules):
         return self._control("s-call", name, (), begin, first.end, count=count)
 
     def _cycle(self, item: Any, kind: Keyword, begin: int) -> Control | None:
-        """Return a drilling cycle; None for another part of a line."""
+        """Return a drilling or turning cycle; None for another part of a line."""
         if not isinstance(item, _Named) or item.arguments is None:
             return None
-        match = re.fullmatch("CYCLE(8[1-9])", item.name.text)
-        return self._control(kind, match[1], self._values(item), begin, item.end) if match else None
+        if match := re.fullmatch("CYCLE(8[1-9])", item.name.text):
+            return self._control(kind, match[1], self._values(item), begin, item.end)
+        if kind == "cycle" and (match := re.fullmatch("CYCLE(9[578])", item.name.text)):
+            names: tuple[str, ...] = ()
+            given = item.arguments
+            if given and isinstance(given[0], Token) and given[0].terminal == "STRING":
+                names, given = (given[0].text.strip('"').upper(),), (None, *given[1:])
+            values = self._values(item._replace(arguments=given))
+            return self._control("s-turn", match[1], values, begin, item.end, names)
+        return None
 
     def _values(self, item: _Named) -> tuple[Value, ...]:
         """Return the arguments of a cycle or a call; NaN for those that are left out."""

@@ -112,7 +112,7 @@ class ProfileCycles:
             raise fault("word-unused", f"{word.written} has no use in {at.written}", word)
         with moves.exact_path():
             for step in steps:
-                self._make(step, view, at, rapid_in=rapid_in)
+                self.make_step(step, view, at, rapid_in=rapid_in)
 
     def _without_return(self, code: G, blocks: list[Block], start: list[float]) -> list[Block]:
         """Return the blocks without a last G0 that goes straight back at the outside of the stock.
@@ -253,7 +253,7 @@ class ProfileCycles:
             raise fault("allowance-sign", message, at, "give it the other sign")
         return Pattern(profile, allowance, point, passes)
 
-    def _make(self, step: TurningStep, view: View, at: Word, *, rapid_in: bool) -> None:
+    def make_step(self, step: TurningStep, view: View, at: Word, *, rapid_in: bool) -> None:
         """Make a step. A cut that only approaches is a traverse if the profile's first one is."""
         motion, here = self._moves.motion, self._moves.here
         position = motion.position
@@ -323,7 +323,7 @@ def profile_cycle(line: int, statement: Statement, dialect: Dialect) -> ProfileC
     return None
 
 
-class _Line(NamedTuple):
+class ProfileLine(NamedTuple):
     """A line of a profile."""
 
     number: int
@@ -356,13 +356,13 @@ class ProfileCycle:
             self._refuse_rest(words)
             _finish(interpreter, lines, line)
             return after
-        moves = [_Line(row.number, _path_words(row.statement)) for row in lines]
+        moves = [ProfileLine(row.number, _path_words(row.statement)) for row in lines]
         turning = interpreter.turning_cycles
         assert turning is not None
         letters = {word.letter for word in lines[0].statement.words}
         both = bool(letters & set("XU")) and bool(letters & set("ZW"))
         with turning.moves.uncompensated(at):
-            blocks = _path_of(interpreter, moves, line)
+            blocks = path_of(interpreter, moves, line)
             cycles = ProfileCycles(turning)
             cycles.run(self._code, words, blocks, at, pockets=both)
         return after
@@ -399,7 +399,7 @@ class ProfileCycle:
             raise fault("profile-missing", f"there is no line N{number}", word, hint)
         return found
 
-    def _lines(self, flow: Flow, first: int, last: int) -> list[_Line]:
+    def _lines(self, flow: Flow, first: int, last: int) -> list[ProfileLine]:
         """The lines of the profile.
 
         Raises:
@@ -408,7 +408,7 @@ class ProfileCycle:
         if last - first >= MOST_LINES:
             message = f"the profile has more than {MOST_LINES} lines"
             raise self._fault("profile-too-long", message)
-        lines: list[_Line] = []
+        lines: list[ProfileLine] = []
         for number in range(first, last + 1):
             statement = flow.listing.statement_at(number)
             if statement is None:
@@ -417,7 +417,7 @@ class ProfileCycle:
                 message = f"line {number} of the profile is no move"
                 hint = "profiles have no jumps, calls and cycles"
                 raise self._fault("profile-line", message, hint)
-            lines.append(_Line(number, statement))
+            lines.append(ProfileLine(number, statement))
         return lines
 
     def _after(self, flow: Flow, first: int, last: int, line: int) -> int:
@@ -468,7 +468,7 @@ def _path_words(statement: Statement) -> Statement:
     return replace(statement.with_words(kept), remarks=())
 
 
-def _path_of(interpreter: Interpreter, lines: Iterable[_Line], line: int) -> list[Block]:
+def path_of(interpreter: Interpreter, lines: Iterable[ProfileLine], line: int) -> list[Block]:
     """Return the moves of lines without making them.
 
     Position and modes are as before afterwards, and the current line is ``line``.
@@ -487,7 +487,7 @@ def _path_of(interpreter: Interpreter, lines: Iterable[_Line], line: int) -> lis
     return [block for block in blocks if isinstance(block, Polyline | ArcFeed)]
 
 
-def _finish(interpreter: Interpreter, lines: Iterable[_Line], line: int) -> None:
+def _finish(interpreter: Interpreter, lines: Iterable[ProfileLine], line: int) -> None:
     """Execute the lines of a profile (G70), and return to the position before.
 
     The axis that approaches the profile most leaves it first: a straight return could cross the
@@ -557,7 +557,7 @@ class SubroutineProfiles(ProfileCycles):
             raise fault("word-unused", f"{word.written} has no use in {at.written}", word)
         with self._moves.exact_path():
             for step in steps:
-                self._make(step, view, at, rapid_in=False)
+                self.make_step(step, view, at, rapid_in=False)
 
     def _body(
         self, code: G, blocks: list[Block], start: list[float], at: Word
@@ -596,7 +596,7 @@ class SubroutineProfiles(ProfileCycles):
             self._distance(words, letter, default, at)
             for letter, default in (("D", 0.0), ("I", 1.0), ("R", 0.5))
         )
-        body = self._offset(body, distance, at)
+        body = offset_profile(body, distance, at)
         profile = [Piece(start, body[0].start), *body]
         rises = is_monotone(piece.end.imag for piece in profile[1:])
         cycle = Roughing(profile, 0j, depth, retract, pockets=not rises)
@@ -615,7 +615,7 @@ class SubroutineProfiles(ProfileCycles):
         count = whole(word, "the number of passes", 1, MOST_PASSES) if word else 1
         steps: list[TurningStep] = []
         for number in range(count, 0, -1):
-            path = self._offset(body, (number - 1) * (first - last) / count + last, at)
+            path = offset_profile(body, (number - 1) * (first - last) / count + last, at)
             begin = path[0].start
             if steps:
                 steps += [Traverse(complex(path[-1].end.real, start.imag)), Traverse(start)]
@@ -623,31 +623,32 @@ class SubroutineProfiles(ProfileCycles):
             steps += [Cut(piece) for piece in path]
         return steps
 
-    def _offset(self, body: Profile, distance: float, at: Word) -> Profile:
-        """Return the profile at a distance towards the stock."""
-        if not distance:
-            return body
-        curves = [_beside(piece, distance) for piece in _whole(body)]
-        offset: Profile = []
-        begin: complex | None = None
-        cut_before = 0.0
-        for a, b in pairwise([*curves, None]):
-            if a is None:
-                break
-            here = a.first if begin is None else begin
-            corner = None if b is None else join(a, b, _LEFT, distance)
-            if b is not None and (corner is None or cut_before + corner.cut > a.length + TINY):
-                break
-            offset += _pieces(a, here, a.last if corner is None else corner.leave)
-            if b is None:
-                return offset
-            assert corner is not None
-            if corner.around:
-                around = Piece(corner.leave, corner.enter, a.corner, -1)
-                offset += arc_pieces(around.start, around.end, a.corner, around.turns)
-            begin, cut_before = corner.enter, max(corner.begin, 0.0)
-        message = f"the distance {distance:g} mm does not fit into a corner of the profile"
-        raise fault("allowance-in-pocket", message, at, "give a smaller one")
+
+def offset_profile(body: Profile, distance: float, at: Word) -> Profile:
+    """Return the profile at a distance towards the stock."""
+    if not distance:
+        return body
+    curves = [_beside(piece, distance) for piece in _whole(body)]
+    offset: Profile = []
+    begin: complex | None = None
+    cut_before = 0.0
+    for a, b in pairwise([*curves, None]):
+        if a is None:
+            break
+        here = a.first if begin is None else begin
+        corner = None if b is None else join(a, b, _LEFT, distance)
+        if b is not None and (corner is None or cut_before + corner.cut > a.length + TINY):
+            break
+        offset += _pieces(a, here, a.last if corner is None else corner.leave)
+        if b is None:
+            return offset
+        assert corner is not None
+        if corner.around:
+            around = Piece(corner.leave, corner.enter, a.corner, -1)
+            offset += arc_pieces(around.start, around.end, a.corner, around.turns)
+        begin, cut_before = corner.enter, max(corner.begin, 0.0)
+    message = f"the distance {distance:g} mm does not fit into a corner of the profile"
+    raise fault("allowance-in-pocket", message, at, "give a smaller one")
 
 
 def _whole(body: Profile) -> Profile:
