@@ -2,7 +2,7 @@
 
 MID, FALX, FAL, TDEP and VRT are radii. Diameters of threads are diameters, in every mode. The cycle
 begins at any position from which its start can be reached. Source: Siemens, "SINUMERIK 840D sl/828D
-Programming Manual, Cycles" and "SINUMERIK 808D, Programming and Operating Manual (Turning), Part 2",
+Programming Manual, Cycles" and "SINUMERIK 808D Programming and Operating Manual, Turning, Part 2",
 turning cycles.
 """
 
@@ -473,7 +473,7 @@ class _Threads:
         infeed: tuple[float, float],
         turns: float,
     ) -> None:
-        """One pass along the crest, lowered: in, along, out and back; ``infeed`` is depth, clear x."""
+        """One pass along the crest and back; ``infeed`` is its depth, and a clear x."""
         (depth, clear), moves = infeed, self.cycle.moves
         begin, *parts = [part._replace(x=part.x + self.inward * depth) for part in crest]
         moves.rapid(begin.z, clear)
