@@ -80,7 +80,7 @@ def test_the_lead_counts_along_the_axis_that_moves_farther(name: str) -> None:
         ("G33 Z-20 K1 SF=90", "code-not-supported"),
         ("G96 S100\nG33 Z-20 K1", "surface-speed-active"),
         ("M5\nG33 Z-20 K1", "spindle-stopped"),
-        ("TRANSMIT", "code-not-supported"),
+        ("TRANSMIT", "axis-missing"),
     ],
 )
 def test_errors(source: str, code: str) -> None:

@@ -21,11 +21,13 @@ from cnc.gcode.core.coordinates import Coordinates
 from cnc.gcode.core.modal_groups import Codes
 from cnc.gcode.core.motion import Motion, MotionCodes
 from cnc.gcode.reader.words import G, LineWords, Word, fault
-from cnc.model.blocks import ArcFeed, Plane
+from cnc.model.blocks import ArcFeed, PathMode, Plane
 from cnc.model.diagnostics import GcodeError
 
 TOLERANCE = 5e-4
 """Largest distance of a chord from the programmed curve, mm."""
+BLEND = 1e-3
+"""Tolerance within which chords follow each other without a stop, mm and degrees."""
 _POLE = 1e-6
 """Distances from the axis below this are rounding, mm."""
 _WIDEST = math.pi / 8
@@ -34,16 +36,17 @@ _DEEPEST = 40
 _MOVES = (G.G0, G.G1, G.G2, G.G3)
 _ALLOWED = frozenset(
     ("motion", "plane", "distance", "compensation", "feed-mode", "spindle", "spindle-mode",
-     "coolant", "stop", "face", "tool-length", "path", "overrides")
+     "coolant", "stop", "face", "path", "overrides")
 )  # fmt: skip
 """Groups of codes that may stand in the mode."""
 
 
 class _Curve(NamedTuple):
-    """A curve in the plane: its point at a share of its length, and how far a point is from it."""
+    """A curve in the plane: its point at a share of its length, how far a point is from it, mm."""
 
     place: Callable[[float], complex]
     error: Callable[[complex], float]
+    length: float
 
 
 class Chord(NamedTuple):
@@ -78,10 +81,10 @@ class Face:
         self._zero = self._zeros()
         self._radius, self._angle = program[x], math.radians(program[c])
         angle = self._angle - turned
-        self._point_reached = self._radius * complex(math.cos(angle), math.sin(angle))
+        point = self._radius * complex(math.cos(angle), math.sin(angle))
         self.here = [value + zero for value, zero in zip(program, coordinates.zero, strict=True)]
-        self.here[x] = self._zero[0] + self._point_reached.real
-        self.here[c] = self._zero[1] + self._point_reached.imag
+        self.here[x] = self._zero[0] + point.real
+        self.here[c] = self._zero[1] + point.imag
 
     def chords(self, item: list[float] | ArcFeed, feed: float) -> Iterator[Chord]:
         """Yield the chords of a straight move to a virtual machine position, or of an arc.
@@ -115,7 +118,7 @@ class Face:
         a, b = self._point(self.here), self._point(end)
         way = b - a
         if abs(way) <= _POLE:
-            yield from self._part(end, _Curve(lambda _: a, lambda _: 0.0), (0.0, 1.0), feed)
+            yield from self._part(end, _Curve(lambda _: a, lambda _: 0.0, 0.0), (0.0, 1.0), feed)
             return
         nearest = -(a * way.conjugate()).real / abs(way) ** 2
         shares = [0.0, nearest, 1.0] if 1e-9 < nearest < 1.0 - 1e-9 else [0.0, 1.0]
@@ -128,7 +131,7 @@ class Face:
             return abs(((point - a) * way.conjugate()).imag) / abs(way)
 
         for part in pairwise(shares):
-            yield from self._part(end, _Curve(place, error), part, feed)
+            yield from self._part(end, _Curve(place, error, abs(way)), part, feed)
 
     def _arc(self, block: ArcFeed, end: list[float], feed: float) -> Iterator[Chord]:
         a, b = self._point(self.here), self._point(end)
@@ -148,7 +151,7 @@ class Face:
         count = max(1, math.ceil(abs(block.turns) * 16.0))
         for number in range(count):
             part = number / count, (number + 1) / count
-            yield from self._part(end, _Curve(place, error), part, feed)
+            yield from self._part(end, _Curve(place, error, abs(sweep) * radius), part, feed)
 
     def _point(self, position: list[float]) -> complex:
         x, c = self.columns
@@ -197,10 +200,10 @@ class Face:
         steps = (b - a for k, (a, b) in enumerate(zip(self.here, end, strict=True))
                  if k not in self.columns)  # fmt: skip
         across = (last - first) * math.hypot(*steps)
-        length = math.hypot(abs(to - self._point_reached), across)
+        length = math.hypot((last - first) * curve.length, across)
         moved = math.hypot(radius - self._radius, across)
         moved = moved or math.degrees(abs(angle - self._angle))
-        self._point_reached, self._radius, self._angle = to, radius, angle
+        self._radius, self._angle = radius, angle
         if moved and length:
             yield Chord(self._ends(end, last), feed * moved / length)
 
@@ -244,6 +247,9 @@ class FaceCodes(MotionCodes):
 
     def _begin(self, at: Word) -> None:
         motion, state = self._motion, self._state
+        if not self._lathe and not self._policy.lathe:
+            hint = 'set kind = "lathe" under [machine] of the machine file'
+            raise fault("code-not-supported", f"{at.written} is for a lathe", at, hint)
         x, c = (motion.column.get(letter) for letter in "XC")
         if x is None or c is None:
             hint = "give the machine file an axis C, such as [axes.c]"
@@ -264,16 +270,26 @@ class FaceCodes(MotionCodes):
         motion.position = self._face.here
         motion.begin_virtual(c)
         self._out.face = self._face.chords
+        self._blend(BLEND)
 
     def _end(self) -> None:
-        motion, face = self._motion, self._face
+        motion, face, state = self._motion, self._face, self._state
         assert face is not None
-        self._state.diameter = self._before[0]
+        state.diameter = self._before[0]
         if self._fanuc:
-            self._state.plane = self._before[1]
+            state.plane = self._before[1]
         motion.position = face.real(motion.position)
         motion.end_virtual()
         self._out.face = self._face = None
+        self._blend(state.tolerance if state.path == "blend" else None)
+
+    def _blend(self, tolerance: float | None) -> None:
+        """Let chords follow each other within a tolerance, mm; None ends it."""
+        here = self._here
+        if tolerance is None:
+            self._out.add(PathMode(here.file, here.line, self._state.path))
+        else:
+            self._out.add(PathMode(here.file, here.line, "blend", tolerance))
 
     def check(self, words: LineWords, codes: Codes) -> None:
         """Refuse what has no meaning in the mode.
@@ -285,7 +301,7 @@ class FaceCodes(MotionCodes):
             return
         name = "G12.1" if self._fanuc else "G112" if self._lathe else "TRANSMIT"
         for group, code in codes.items():
-            known = group in _ALLOWED or code.number == G.G4
+            known = group in _ALLOWED or code.number in (G.G4, G.G49)
             if not known or (group == "motion" and code.number not in (*_MOVES, G.G80)):
                 raise self._refused(code.word, name)
         moving = codes.get("motion")
