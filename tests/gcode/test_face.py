@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import cmath
 import math
+from itertools import pairwise
 
 import pytest
 
@@ -95,7 +96,7 @@ FORMS = {
 def test_chords_stay_on_straight_lines_and_keep_the_feed(dialect: str) -> None:
     source, corners = FORMS[dialect]
     moves = chords(source, dialect)
-    sides = list(zip(corners, corners[1:], strict=False))
+    sides = list(pairwise(corners))
     at = 0
     for move in moves:
         if abs(points(move)[0] - corners[at + 1]) < 1e-9:
@@ -116,7 +117,7 @@ def test_an_arc_and_a_helix_follow_the_circle() -> None:
         assert all(abs(abs(point - 10.0) - 5.0) <= TOLERANCE * 1.2 for point in points(move))
     assert seconds(arc) == pytest.approx(math.hypot(math.tau * 5.0, 2.0) / 10.0, rel=1e-4)
     turned = [(point - 10.0) / 5.0 for point in (points(move)[0] for move in arc)]
-    assert all((b / a).imag > 0.0 for a, b in zip(turned, turned[1:], strict=False))
+    assert all((b / a).imag > 0.0 for a, b in pairwise(turned))
 
 
 def test_a_circle_about_the_spindle_turns_c_only() -> None:

@@ -238,7 +238,7 @@ ERRORS = {
     "kind 13": ('CYCLE95("PART",3,,,,0.2,,,13)', SHOULDER, "code-not-supported"),
     "without rounding": ('CYCLE95("PART",3,,,,0.2,,,201)', SHOULDER, "code-not-supported"),
     "no feed": ('CYCLE95("PART",3,,,,,,,1)', SHOULDER, "feed-missing"),
-    "backwards": ('CYCLE95("PART",3,,,,0.2,,,1)', "G1 X20 Z0\nZ-9\nX30 Z-5", "profile-not-monotone"),
+    "turns back": ('CYCLE95("PART",3,,,,1,,,1)', "G1 X9 Z0\nZ-9\nX30 Z-5", "profile-not-monotone"),
     "one point": ('CYCLE95("PART",3,,,,0.2,,,1)', "G1 X20 Z0", "profile-empty"),
     "a jump": ('CYCLE95("PART",3,,,,0.2,,,1)', f"{SHOULDER}\nGOTOF Q", "profile-line"),
     "an allowance wider than the relief cut": (
@@ -250,7 +250,7 @@ ERRORS = {
     "many passes": ('CYCLE95("PART",0.0001,,,,0.2,,,1)', SHOULDER, "cycle-too-long"),
     "label alone": ('PART: CYCLE95("PART",3,,,,0.2,,,1)', "", "sub-unknown"),
     "no lead": ("CYCLE97(,,0,-20,20,20,3,2,1,0,0,0,1,0,1,1)", "", "pitch-missing"),
-    "no depth of a thread": ("CYCLE97(2,,0,-20,20,20,3,2,,0,0,0,1,0,1,1)", "", "value-out-of-range"),
+    "no height": ("CYCLE97(2,,0,-20,20,20,3,2,,0,0,0,1,0,1,1)", "", "value-out-of-range"),
     "no length": ("CYCLE97(2,,0,0,20,20,3,2,1,0,0,0,1,0,1,1)", "", "thread-length"),
     "no passes": ("CYCLE97(2,,0,-20,20,20,3,2,1,0,0,0,,0,1,1)", "", "value-out-of-range"),
     "a wide angle": ("CYCLE97(2,,0,-20,20,20,3,2,1,0,70,0,1,0,1,1)", "", "value-out-of-range"),

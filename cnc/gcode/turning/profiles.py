@@ -47,6 +47,7 @@ from cnc.gcode.turning.roughing import (
     profile_of,
     repeat,
     rough,
+    without_pockets,
 )
 from cnc.model.blocks import ArcFeed, Block, Polyline
 from cnc.model.diagnostics import GcodeError
@@ -333,7 +334,8 @@ class ProfileLine(NamedTuple):
 class ProfileCycle:
     """``G71 P Q ..`` and its like."""
 
-    def __init__(self, line: int, statement: Statement, word: Word, code: G) -> None:
+    def __init__(self, line: int, statement: Statement, word: Word, code: G, kind: int = 0) -> None:
+        self._kind = kind
         self._statement = statement
         self._at = Place(line, word.column, word.length)
         self._word = word
@@ -536,7 +538,7 @@ class SubroutineProfiles(ProfileCycles):
         given = self._moves.given(words, at.written)
         self._moves.rapid(given.get("Z", z), given.get("X", x))
 
-    def make(self, code: G, words: LineWords, blocks: list[Block], at: Word) -> None:
+    def make(self, code: G, words: LineWords, blocks: list[Block], at: Word, kind: int = 0) -> None:
         """Make the moves of a cycle.
 
         Args:
@@ -544,6 +546,7 @@ class SubroutineProfiles(ProfileCycles):
             words: Words of the line that belong to the cycle.
             blocks: Moves of the profile, from the position.
             at: The G word.
+            kind: What G71 and G72 cut: all (0), all without pockets (1), pockets (2).
         """
         start = self._moves.motion.position
         body, view = self._body(code, blocks, start, at)
@@ -551,7 +554,7 @@ class SubroutineProfiles(ProfileCycles):
         if code == G.G70:
             steps = self._finishing(words, body, top, at)
         else:
-            steps = self._passes(words, body, top, at)
+            steps = self._passes(words, body, top, at, kind)
         if words.rest:
             word = words.first()
             raise fault("word-unused", f"{word.written} has no use in {at.written}", word)
@@ -589,21 +592,32 @@ class SubroutineProfiles(ProfileCycles):
         return word.number * self._moves.context.state.scale
 
     def _passes(
-        self, words: LineWords, body: Profile, start: complex, at: Word
+        self, words: LineWords, body: Profile, start: complex, at: Word, kind: int
     ) -> list[TurningStep]:
         """The steps of G71 and G72, up to the end of the profile at the height of the start."""
         distance, depth, retract = (
             self._distance(words, letter, default, at)
             for letter, default in (("D", 0.0), ("I", 1.0), ("R", 0.5))
         )
-        body = offset_profile(body, distance, at)
-        profile = [Piece(start, body[0].start), *body]
-        rises = is_monotone(piece.end.imag for piece in profile[1:])
-        cycle = Roughing(profile, 0j, depth, retract, pockets=not rises)
-        if not depth or cycle.passes > MOST_PASSES:
-            message = f"{at.written} makes more than {MOST_PASSES} passes"
-            raise fault("cycle-too-long", message, at, "give a larger I")
-        return list(rough(cycle))[:-2]
+        pockets: list[Profile]
+        body, pockets = offset_profile(body, distance, at), [[]]
+        if kind:
+            closed, pockets = without_pockets(body)
+            body, pockets = (closed, [[]]) if kind == 1 else (body, pockets)
+        steps: list[TurningStep] = []
+        for pocket in pockets:
+            begin = pocket[0].start if pocket else start
+            profile = pocket or [Piece(start, body[0].start), *body]
+            rises = is_monotone(piece.end.imag for piece in profile[1:])
+            above = max(start.imag - begin.imag, 0.0)
+            cycle = Roughing(profile, 0j, depth, retract, pockets=not rises, clearance=above)
+            if not depth or cycle.passes > MOST_PASSES:
+                message = f"{at.written} makes more than {MOST_PASSES} passes"
+                raise fault("cycle-too-long", message, at, "give a larger I")
+            if pocket:
+                steps.append(Traverse(begin + above * 1j))
+            steps += list(rough(cycle))[:-2]
+        return steps
 
     def _finishing(
         self, words: LineWords, body: Profile, start: complex, at: Word
@@ -685,7 +699,11 @@ def _pieces(curve: Curve, start: complex, end: complex) -> Profile:
 # The line is executed twice: first it enters the subroutine, whose blocks are kept back. At the
 # return it makes the cycle with them. Commands of the subroutine besides moves have no effect.
 
-_CODES = {code.code: code for code in (G.G70, G.G71, G.G72)}
+_CODES = {
+    70.0: (G.G70, 0), 71.0: (G.G71, 0), 71.1: (G.G71, 1), 71.2: (G.G71, 2),
+    72.0: (G.G72, 0), 72.1: (G.G72, 1), 72.2: (G.G72, 2),
+}  # fmt: skip
+"""Each code, and what it cuts: all, all without the pockets of the profile (1), or these (2)."""
 MAX_SUBROUTINE = 99_999
 
 
@@ -695,7 +713,7 @@ def subroutine_cycle(line: int, statement: Statement) -> SubroutineCycle | None:
         return None
     for word in statement.words:
         if word.letter == "G" and word.number in _CODES:
-            return SubroutineCycle(line, statement, word, _CODES[word.number])
+            return SubroutineCycle(line, statement, word, *_CODES[word.number])
     return None
 
 
@@ -768,7 +786,7 @@ class SubroutineCycle(ProfileCycle):
         ]
         if not blocks:
             raise self._fault("profile-empty", "the profile has no move")
-        self._cycles(flow).make(self._code, profile.words, blocks, self._word)
+        self._cycles(flow).make(self._code, profile.words, blocks, self._word, self._kind)
         interpreter.update_plain()
 
     @staticmethod

@@ -224,6 +224,38 @@ def split(profile: Profile, level: float) -> Iterator[tuple[bool, Profile]]:
         yield above, run
 
 
+def without_pockets(profile: Profile) -> tuple[Profile, list[Profile]]:
+    """Return a profile with its pockets closed by straight lines, and the pockets.
+
+    A pocket begins where the profile falls, and ends where it is as high again, or at the end.
+    """
+    closed: Profile = []
+    pockets: list[Profile] = []
+    level = profile[0].start.imag
+    pocket: Profile = []
+    for piece in profile:
+        if not pocket and piece.end.imag >= level - TINY:
+            closed.append(piece)
+            level = max(level, piece.end.imag)
+            continue
+        rest: Piece | None = None
+        if piece.start.imag < level - TINY and piece.end.imag > level + TINY:
+            at = piece.crossing(level)
+            piece, rest = replace(piece, end=at), replace(piece, start=at)
+        pocket.append(piece)
+        if piece.end.imag >= level - TINY:
+            closed.append(Piece(pocket[0].start, piece.end))
+            pockets.append(pocket)
+            pocket = []
+        if rest is not None:
+            closed.append(rest)
+            level = rest.end.imag
+    if pocket:
+        closed.append(Piece(pocket[0].start, complex(pocket[-1].end.real, level)))
+        pockets.append(pocket)
+    return closed, pockets
+
+
 def _parts(piece: Piece, level: float) -> Profile:
     low, high = sorted((piece.start.imag, piece.end.imag))
     if not low + TINY < level < high - TINY:
