@@ -113,6 +113,7 @@ class TurningThreads(Executor):
         self._angle = 0.0
         self._least = 0.0
         self._allowance = 0.0
+        self._doubtful: Word | None = None
 
     # One move, one pass
 
@@ -285,6 +286,8 @@ class TurningThreads(Executor):
             self._least = self._length(least)
         if allowance:
             self._allowance = not_negative(allowance, "the allowance") * self._state.scale
+            pointed = "." in allowance.written or self._dialect.turning.least_increments
+            self._doubtful = None if pointed else allowance
 
     def _thread(self, words: LineWords, at: Word, lead: float) -> Thread:
         """The thread of the words of G76 with X and Z."""
@@ -294,6 +297,8 @@ class TurningThreads(Executor):
         letters = "PQR" if two_lines else "KDI"
         tip = None if two_lines else words.take("A", at.written)
         height, first, taper = (words.take(letter, at.written) for letter in letters)
+        if height and self._doubtful and self._allowance >= self._length(height):
+            self._read_in_thousandths(self._doubtful, at)
         given = moves.given(words, at.written)
         start = moves.place
         for letter, word in zip(
@@ -328,6 +333,17 @@ class TurningThreads(Executor):
         )
         self._check(thread, at, (height, first))
         return thread
+
+    def _read_in_thousandths(self, allowance: Word, at: Word) -> None:
+        """Read the allowance as P and Q of G76: in mm it would be no less than the thread's height.
+
+        FANUC's own example of G76 has R200 beside coordinates with a decimal point.
+        """
+        self._allowance, self._doubtful = self._length(allowance), None
+        message = f"{allowance.written} of G76 counts thousandths here, as P and Q do: in mm it is "
+        message += "more than the thread"
+        hint = f"write the decimal point: R{self._allowance / self._state.scale:g}"
+        self._here.report_warning("decimal-point-missing", message, at, hint)
 
     def _check(self, thread: Thread, at: Word, words: tuple[Word, Word]) -> None:
         (z0, x0), (z, x) = thread.start, thread.end
