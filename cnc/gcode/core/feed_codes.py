@@ -175,8 +175,8 @@ def without_point(
     In a line that is ``collected`` for a NURBS, and in that of G6.2, only axis words are distances:
     K is a knot and R a weight. A letter of repeats counts holes, unless an arc's centre has
     another letter beside it. Q is a distance in the line of a cycle that pecks or shifts. On a
-    lathe it counts thousandths, A is the angle of a thread or a line, and R in the first line of G76
-    may count thousandths.
+    lathe it counts thousandths, A is the angle of a thread or a line, and R of G76 without axes may
+    count thousandths.
     """
     words = statement.words
     codes = {word.number for word in words if word.letter == "G"}

@@ -65,6 +65,8 @@ SHOWN = "shown"
 """Kind of the remark that is a message of SINUMERIK: texts in quotes, ``#<name>`` for values."""
 NOTED = "noted"
 """Kind of the remark that names a word without effect."""
+UNCHECKED = "unchecked"
+"""Kind of the remark that names what only the control does: a check goes on, a run refuses it."""
 
 
 @dataclass(frozen=True, slots=True)
