@@ -274,6 +274,12 @@ def test_errors(name: str) -> None:
     assert caught.value.diagnostic.code == code
 
 
+def test_a_fault_of_the_contour_is_at_its_line() -> None:
+    with pytest.raises(GcodeError) as caught:
+        summaries('CYCLE95("PART",3,,,,0.2,,,1)', "G1 X20 Z0\nG2 Z-10 X40")
+    assert (caught.value.diagnostic.code, caught.value.diagnostic.line) == ("arc-center-missing", 7)
+
+
 def test_the_cycles_are_for_a_lathe() -> None:
     options = LATHE | {"lathe": False, "axes": ("x", "y", "z")}
     with pytest.raises(GcodeError) as caught:

@@ -481,7 +481,10 @@ def path_of(interpreter: Interpreter, lines: Iterable[ProfileLine], line: int) -
     notes, unused.enabled = unused.enabled, False
     with interpreter.out.captured() as blocks:
         for number, statement in lines:
-            interpreter.execute(statement, number)
+            try:
+                interpreter.execute(statement, number)
+            except GcodeError as error:
+                raise error.at(line=error.diagnostic.line or number) from None
     unused.enabled = notes
     interpreter.context.state = state
     motion.position, interpreter.here.line = position, line
