@@ -9,7 +9,6 @@ turning cycles.
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
@@ -57,7 +56,8 @@ _NAMES = {
 """Arguments of each cycle in their order. Later ones must be 0 or left out."""
 _NO_PATH = frozenset("TSMDHL")
 _NO_PATH_CODES = frozenset((17.0, 18.0, 19.0, 40.0, 41.0, 42.0, 60.0, 64.0, 94.0, 95.0, 96.0, 97.0))
-_ENDS = re.compile(r"M0*(17|2|30)\b|RET\b")
+_IDLE = ("s-end", "s-proc")
+"""Control lines that a contour passes over."""
 _LIFT = 1.0
 """Retraction without VRT, mm."""
 _ROUNDING = 1e-9
@@ -329,17 +329,14 @@ class _Contour:
             statement = listing.statement_at(number)
             if statement is None:
                 continue
-            if statement.control is not None or statement.percent:
-                if not inclusive and (statement.percent or statement.control.keyword == "s-end"):
-                    return
-                if statement.control is not None and statement.control.keyword in (
-                    "s-end",
-                    "s-proc",
-                ):
-                    continue
+            control = statement.control
+            ends = control is not None and control.keyword == "s-end"
+            if not inclusive and (statement.percent or ends):
+                return
+            if statement.percent or (control is not None and control.keyword not in _IDLE):
                 message = f": line {number} of the contour is no move"
                 raise cycle.fault("profile-line", message, "contours have no jumps and calls")
-            if statement.words:
+            if control is None and statement.words:
                 yield ProfileLine(number, _moves_of(statement))
         if not inclusive:
             raise cycle.fault("profile-too-long", f": the contour has over {MOST_LINES} lines")
