@@ -290,7 +290,8 @@ class Lines(ExpressionRules):
             hint = "give A3= B3= C3=, or the angles of the axes"
             raise not_supported(f"{what} ({meaning})", name.begin, name.end, hint)
         if re.fullmatch("[SM][2-9]", name.text):
-            return self._other_spindle(name.text[1], begin, end)
+            self._other_spindle(name.text[1], begin, end)
+            return None
         raise not_supported(what, name.begin, name.end)
 
     def _other_spindle(self, number: str, begin: int, end: int) -> None:

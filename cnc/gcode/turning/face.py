@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -233,8 +234,8 @@ class FaceCodes(MotionCodes):
         """Begin or end the mode.
 
         Raises:
-            GcodeError: ``axis-missing``, ``compensation-active``, ``figure-active``,
-                ``face-axis-tool``.
+            GcodeError: ``axis-missing``, ``compensation-active``, ``figure-active``, ``face-start``,
+                ``code-not-supported``.
         """
         motion = self._motion
         if motion.compensated:
@@ -247,6 +248,8 @@ class FaceCodes(MotionCodes):
 
     def _begin(self, at: Word) -> None:
         motion, state = self._motion, self._state
+        if not self._lathe:
+            at = replace(at, written="TRANSMIT")
         if not self._lathe and not self._policy.lathe:
             hint = 'set kind = "lathe" under [machine] of the machine file'
             raise fault("code-not-supported", f"{at.written} is for a lathe", at, hint)
