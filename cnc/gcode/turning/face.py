@@ -234,8 +234,8 @@ class FaceCodes(MotionCodes):
         """Begin or end the mode.
 
         Raises:
-            GcodeError: ``axis-missing``, ``compensation-active``, ``figure-active``, ``face-start``,
-                ``code-not-supported``.
+            GcodeError: ``axis-missing``, ``compensation-active``, ``figure-active``,
+                ``face-start``, ``code-not-supported``.
         """
         motion = self._motion
         if motion.compensated:
