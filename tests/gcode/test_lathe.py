@@ -554,3 +554,29 @@ def test_a_lathe_program_with_five_digits_is_haas_by_its_cycles(line: str, diale
     """Haas' depths have a decimal point; FANUC's D counts thousandths."""
     found = recognise(["%", "O58214", "G50 S2000", "T0101", "G96 S200 M3", line])
     assert lathe_dialect(found, "part.nc") == dialect
+
+
+def test_an_allowance_of_g76_that_exceeds_the_thread_counts_thousandths() -> None:
+    lines = "G0 X40. Z5.\nG76 P010060 Q100 {}\nG76 X37. Z-9. P1000 Q400 F1.5"
+    plain, pointed = (summaries(f"{START}{lines.format(r)}") for r in ("R200", "R0.2"))
+    assert plain == pointed
+    warnings: list[Diagnostic] = []
+    run(
+        f"{START}{lines.format('R200')}\nM30",
+        dialect=dialects.load("fanuc", lathe="A"),
+        axes=("x", "z"),
+        warn=warnings.append,
+    )
+    about = [each for each in warnings if each.message.startswith("R200")]
+    assert [(each.code, each.line) for each in about] == [("decimal-point-missing", 5)]
+
+
+def test_the_s_of_g96_may_follow_while_the_spindle_stands() -> None:
+    blocks = run(
+        "G96\nS120 M3\nG50 S1500\nM30", dialect=dialects.load("fanuc", lathe="A"), axes=("x", "z")
+    )
+    speeds = [(each.rpm, each.surface_speed) for each in blocks if isinstance(each, Spindle)]
+    assert speeds[0] == (0.0, 2000.0)
+    assert error_of("G97 S100 M3\nG96\nM30", dialect=dialects.load("fanuc", lathe="A")).code == (
+        "spindle-speed-missing"
+    )

@@ -8,7 +8,7 @@ from cnc.gcode import dialects
 from cnc.gcode.core.modal_groups import ReadingPolicy
 from cnc.gcode.core.tool_table import ToolEntry, ToolTable
 from cnc.model.blocks import Spindle
-from cnc.model.diagnostics import GcodeError
+from cnc.model.diagnostics import Diagnostic, GcodeError
 from tests.support.gcode.gcode_cases import block_summaries, run
 from tests.support.paths import ROOT
 
@@ -80,7 +80,7 @@ def test_the_lead_counts_along_the_axis_that_moves_farther(name: str) -> None:
         ("G33 Z-20 K1 SF=90", "code-not-supported"),
         ("G96 S100\nG33 Z-20 K1", "surface-speed-active"),
         ("M5\nG33 Z-20 K1", "spindle-stopped"),
-        ("TRANSMIT", "code-not-supported"),
+        ("TRANSMIT", "axis-missing"),
     ],
 )
 def test_errors(source: str, code: str) -> None:
@@ -103,3 +103,25 @@ def test_the_shipped_program_ends_its_lines_where_it_says() -> None:
     threads = [found[k + 1] for k, each in enumerate(found) if each == "sync 1.5"]
     assert threads == [f"line {x} -18 F900" for x in (9.7, 9.545, 9.39, 9.235, 9.08)]
     assert found[-1] == "end"
+
+
+OTHER_SPINDLES = ["S3=2400", "M3=3", "S2=500 M2=4", "SETMS(3)"]
+
+
+@pytest.mark.parametrize("line", OTHER_SPINDLES)
+def test_other_spindles_are_not_checked_and_a_run_refuses_them(line: str) -> None:
+    with pytest.raises(GcodeError) as caught:
+        summaries(line)
+    assert caught.value.diagnostic.code == "code-not-supported"
+    warnings: list[Diagnostic] = []
+    policy = ReadingPolicy(tool_lengths="zero", missing_programs="warn")
+    options = LATHE | {"policy": policy, "warn": warnings.append}
+    blocks = run(f"{START}{line}\nG1 Z4 F0.1\nM30", **options)
+    assert [each.code for each in warnings if each.line == 3] == ["moves-not-checked"] * (
+        len(line.split())
+    )
+    assert [each.rpm for each in blocks if isinstance(each, Spindle)] == [600, 0]
+
+
+def test_the_first_spindle_needs_no_choice() -> None:
+    assert summaries("SETMS(1)\nSETMS\nG1 Z4 F0.1") == ["line 20 4 F60"]

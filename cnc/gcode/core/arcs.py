@@ -357,15 +357,16 @@ class ArcMoves(Executor):
     def _columns(self, at: Word, what: str) -> tuple[int, int]:
         """Return the columns of the two axes of the plane, which a rotation may tilt."""
         first, second = PLANE_AXES[self._state.plane]
+        column = self._axis_words.column
         for axis in (first, second):
-            if axis not in self._axis_words.axes:
+            if axis.upper() not in column:
                 raise fault(
                     "axis-missing",
                     f"{what} in the {self._state.plane} plane needs the {axis.upper()} axis, "
                     "which the machine lacks",
                     at,
                 )
-        return self._axis_words.axes.index(first), self._axis_words.axes.index(second)
+        return column[first.upper()], column[second.upper()]
 
     def _arc_of(
         self,

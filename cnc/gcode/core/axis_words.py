@@ -257,6 +257,7 @@ class AxisWords(Executor):
         self.groups = ["xyzuvwabc".index(letter) // 3 for letter in axes]
         """Groups of the axes, as of :func:`length_of_move`."""
         self._machine_words = False
+        self._real = self.column, self.rotary, 0
         self.units_changed()
 
     def units_changed(self) -> None:
@@ -265,6 +266,21 @@ class AxisWords(Executor):
         self.scales = [state.scale if linear else 1.0 for linear in self._linear]
         if "X" in self.column:
             self.scales[self.column["X"]] *= state.x_factor(absolute=state.absolute)
+
+    def begin_virtual(self, column: int) -> None:
+        """Let a rotary axis be a linear one across X, with the letter Y besides its own."""
+        self._real = self.column, self.rotary, self.groups[column]
+        self.column = self.column | {"Y": column}
+        self.rotary = RotaryAxes(self.axes, {}, self._dialect.motion.wrap)
+        self._linear[column], self.groups[column] = True, 0
+        self.units_changed()
+
+    def end_virtual(self) -> None:
+        """End :meth:`begin_virtual`."""
+        column = self.column["Y"]
+        self.column, self.rotary, self.groups[column] = self._real
+        self._linear[column] = False
+        self.units_changed()
 
     @property
     def has_direction_words(self) -> bool:

@@ -91,6 +91,8 @@ TakeAnswer = Callable[[tuple[float, ...]], None]
 """Processes an answer of the board."""
 
 
+MapMove = Callable[[list[float] | ArcFeed, float], Iterator[tuple[list[float], float]]]
+"""Makes positions and feeds from the end of a straight move, or an arc, and its feed."""
 _Piece = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]
 """Points, feeds and lines of straight moves that are kept as arrays, before the single moves."""
 
@@ -107,6 +109,8 @@ class BlockBuffer:
             that is not complete.
         in_effect: The values that the last blocks gave to each state that lasts, such as the
             spindle. A block with the same values is left out.
+        face: Makes the moves of the axes from a straight move or an arc on the face of a turned
+            part; None without polar coordinate interpolation.
         asked: Whether the board was ever asked.
         assumed: Whether an expected answer was used because there was no board to answer.
     """
@@ -115,6 +119,7 @@ class BlockBuffer:
         self.ready: list[Iterable[Block]] = []
         self.unanswered: list[tuple[Question, TakeAnswer]] = []
         self.defer: Callable[[Block], None] | None = None
+        self.face: MapMove | None = None
         self.asked = self.assumed = False
         self._here = here
         self._axes = axes
@@ -129,6 +134,13 @@ class BlockBuffer:
 
     def move(self, end: list[float], feed: float, line: int) -> None:
         """Add a straight move at ``feed`` mm/s; NaN for a traverse."""
+        if self.face is not None:
+            for place, rate in self.face(end, feed):
+                self._add_move(place, rate, line)
+            return
+        self._add_move(end, feed, line)
+
+    def _add_move(self, end: list[float], feed: float, line: int) -> None:
         self._points += end
         self._feeds.append(feed)
         self._lines.append(line)
@@ -336,7 +348,7 @@ class BlockBuffer:
 
     def place(self, end: list[float], feed: float, line: int, file: str) -> None:
         """Add a straight move that may stand in another file than the current line."""
-        if file == self._here.file:
+        if file == self._here.file or self.face is not None:
             self.move(end, feed, line)
             return
         self.flush()
@@ -345,6 +357,10 @@ class BlockBuffer:
 
     def put(self, block: Block) -> None:
         """Add any other block directly after the moves."""
+        if self.face is not None and isinstance(block, ArcFeed):
+            for place, rate in self.face(block, block.feed):
+                self._add_move(place, rate, block.line)
+            return
         if isinstance(block, Spindle):
             carried = self._go_with_moves([block])[0]
         else:

@@ -10,7 +10,7 @@ import re
 
 from cnc.gcode.core.context import Context, Executor
 from cnc.gcode.reader.parameters import Parameters
-from cnc.gcode.reader.statements import MENDED, NOTED, SHOWN, Assignment, Remark
+from cnc.gcode.reader.statements import MENDED, NOTED, SHOWN, UNCHECKED, Assignment, Remark
 from cnc.gcode.reader.words import Word, fault
 from cnc.model.blocks import Message
 from cnc.model.diagnostics import GcodeError
@@ -105,6 +105,16 @@ class CommentCommands(Executor):
                 self._noted.add(remark.text)
                 at = Word("(", 0.0, "", remark.column, remark.length)
                 here.report_note("code-not-needed", remark.text, at)
+            return None
+        if remark.kind == UNCHECKED:
+            at = Word("(", 0.0, "", remark.column, remark.length)
+            if self._policy.missing_programs == "error":
+                message = f"{remark.text} is not supported"
+                raise fault("code-not-supported", message, at, "only spindle 1 is driven here")
+            if remark.text not in self._noted:
+                self._noted.add(remark.text)
+                message = f"{remark.text}: the control's part of it is not checked"
+                here.report_warning("moves-not-checked", message, at, "a run refuses it")
             return None
         name = f"({remark.kind.upper()})"
         at = Word("(", 0.0, name, remark.column, 1)

@@ -175,7 +175,8 @@ def without_point(
     In a line that is ``collected`` for a NURBS, and in that of G6.2, only axis words are distances:
     K is a knot and R a weight. A letter of repeats counts holes, unless an arc's centre has
     another letter beside it. Q is a distance in the line of a cycle that pecks or shifts. On a
-    lathe it counts thousandths, and A is the angle of a thread or a line.
+    lathe it counts thousandths, A is the angle of a thread or a line, and R of G76 without axes may
+    count thousandths.
     """
     words = statement.words
     codes = {word.number for word in words if word.letter == "G"}
@@ -183,7 +184,8 @@ def without_point(
     if letters is _DISTANCES and not any(word.letter in "IJ" for word in words):
         letters -= frozenset(dialect.cycles.repeats)
     if dialect.turning.lathe:
-        letters -= {"A"}
+        is_setting = 76.0 in codes and not any(word.letter in "XZUW" for word in words)
+        letters -= {"A", "R"} if is_setting else {"A"}
     elif not codes.isdisjoint(_Q_IS_DISTANCE):
         letters |= {"Q"}
     return (

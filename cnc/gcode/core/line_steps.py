@@ -24,7 +24,7 @@ from cnc.gcode.reader.lines import KLARTEXT
 from cnc.gcode.reader.parser import Syntax, parse_line
 from cnc.gcode.reader.source_text import Place, Text, Window, lines_from
 from cnc.gcode.reader.statements import Control, Statement
-from cnc.gcode.reader.words import G, Word, fault
+from cnc.gcode.reader.words import Word, fault
 from cnc.machine.program_codes import CodeAction, RunFile
 from cnc.model.diagnostics import Fix, GcodeError
 
@@ -260,7 +260,7 @@ def file_call(line: int, statement: Statement, codes: Mapping[int, CodeAction]) 
 MANY_LINES = 500
 """Lines of a window, or executed lines, from which on compiled code is worth its start."""
 _JUMPS = ("goto", "if-goto", "s-goto")
-_PROFILE_CODES = frozenset(code.code for code in (G.G70, G.G71, G.G72))
+_PROFILE_CODES = frozenset((70.0, 71.0, 71.1, 71.2, 72.0, 72.1, 72.2))
 
 
 def _makers(flavour: str) -> Mapping[str, Maker]:

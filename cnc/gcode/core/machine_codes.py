@@ -198,10 +198,12 @@ class MachineCodes(Executor):
         state = self._state
         state.constant_surface = code.number == G.G96
         most = words.take("D", "G96") if state.constant_surface else None
-        if most or not (self._dialect.turning.lathe or self._dialect.flavour == "siemens"):
+        keeps_limit = self._dialect.turning.lathe or self._dialect.flavour == "siemens"
+        if most or not keeps_limit:
             state.most_rpm = not_negative(most, "the highest speed") if most else 0.0
         word = words.take("S", code.word.written)
-        if word is None and state.constant_surface:
+        # These controls take the S of a later line, if the spindle stands till then.
+        if word is None and state.constant_surface and (not keeps_limit or state.spindle != "off"):
             raise fault(
                 "spindle-speed-missing",
                 f"{code.word.written} needs a speed",

@@ -61,6 +61,7 @@ _GROUPS: dict[str, tuple[G, ...]] = {
     "figure-mirror": (G.G50_1, G.G51_1),
     "figure-rotation": (G.G68, G.G68_2, G.G69),
     "exact-stop-once": (G.G9,),
+    "face": (G.G12_1, G.G13_1),
     "call": (G.G67,),
 }  # fmt: skip
 _M_GROUPS: dict[str, tuple[M, ...]] = {

@@ -234,6 +234,7 @@ def _translate_numbers(table: dict[str, Any], system: GcodeSystem) -> None:
 def _dialect(name: str, table: dict[str, Any]) -> Dialect:
     motion, arcs = table["motion"], table["arcs"]
     start = G(round(float(motion["at_start"]) * 10)) if motion["at_start"] else None
+    legal = set(_codes(table["g"]))
     return Dialect(
         name=name,
         flavour=table["flavour"],
@@ -255,7 +256,11 @@ def _dialect(name: str, table: dict[str, Any]) -> Dialect:
         cycles=CycleRules(**table["cycles"]),
         turning=TurningRules(**table["turning"]),
         variables=VariableNumbers(**table["variables"]),
-        noted=dict(_noted(table["noted"])),
+        noted={
+            code: note
+            for code, note in _noted(table["noted"])
+            if code[0] != "G" or note.needs or code[1] not in legal
+        },
         aliases={
             float(code): Alias(float(meant["is"]), meant.get("word", ""), meant.get("without", ""))
             for code, meant in table["aliases"].items()

@@ -37,7 +37,7 @@ Keyword = Literal[
     "program", "goto", "if-goto", "if-then", "while-do", "end",
     "cycle", "mcall", "frame", "s-goto", "s-if", "s-else", "s-endif", "s-while", "s-endwhile",
     "s-for", "s-endfor", "s-loop", "s-endloop", "s-repeat", "s-until", "s-call",
-    "s-end", "s-proc", "s-def", "s-holes", "s-again", "klartext",
+    "s-end", "s-proc", "s-def", "s-holes", "s-turn", "s-again", "klartext",
 ]  # fmt: skip
 """Kinds of control lines. The first three rows are O-words. The next one has those of FANUC, and O
 and a number alone ("program"); the last three have SINUMERIK's cycles, frames, jumps,
@@ -65,6 +65,8 @@ SHOWN = "shown"
 """Kind of the remark that is a message of SINUMERIK: texts in quotes, ``#<name>`` for values."""
 NOTED = "noted"
 """Kind of the remark that names a word without effect."""
+UNCHECKED = "unchecked"
+"""Kind of the remark that names what only the control does: a check goes on, a run refuses it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 
-from cnc.gcode.core.call_stack import ControlStep, Flow, Maker
+from cnc.gcode.core.call_stack import ControlStep, Flow, Maker, Step
 from cnc.gcode.reader.source_text import Place
-from cnc.gcode.reader.statements import Statement
+from cnc.gcode.reader.statements import Control, Statement
 from cnc.gcode.reader.words import Word
 from cnc.model.blocks import Plane
 from cnc.model.diagnostics import CncError
@@ -60,7 +60,7 @@ _IN_PLANE: dict[Plane, dict[str, str]] = {
     "YZ": {"X": "Y", "Y": "Z", "Z": "X"},
 }
 """Letter of an axis in each plane, by its letter in G17."""
-_COARSE = dict(
+COARSE = dict(
     zip(
         (3, 4, 5, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 27, 30, 33, 36, 39, 42, 45, 48),
         (
@@ -239,8 +239,8 @@ class _Hole:
         if self.get("VARI", 0.0) not in (0.0, 1.0, 2.0) or self.get("PTAB", 0.0) not in (0.0, 1.0):
             message = ": VARI other than 0, 1 and 2, or a pitch in inches (PTAB)"
             raise self.fault("code-not-supported", message)
-        if not pitch and abs(size) in _COARSE:
-            pitch = math.copysign(_COARSE[int(abs(size))], size)
+        if not pitch and abs(size) in COARSE:
+            pitch = math.copysign(COARSE[int(abs(size))], size)
         if self.get("AMODE84", 0.0):
             pitch = -abs(pitch) if self.get("AMODE84") == _LEFT_HAND else abs(pitch)
         if not pitch:
@@ -416,5 +416,14 @@ def _on_circle(values: dict[str, float]) -> list[Point]:
     ]
 
 
-MAKERS: dict[str, Maker] = {"cycle": Cycle, "mcall": Cycle, "s-holes": Pattern}
+def _turning(flow: Flow, line: int, control: Control) -> Step:
+    """Return the step of a turning cycle."""
+    from cnc.gcode.sinumerik.turning import TurningCycle  # most programs have none
+
+    return TurningCycle(flow, line, control)
+
+
+MAKERS: dict[str, Maker] = {
+    "cycle": Cycle, "mcall": Cycle, "s-holes": Pattern, "s-turn": _turning,
+}  # fmt: skip
 """Classes of the steps of control lines, by keyword."""

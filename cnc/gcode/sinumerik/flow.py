@@ -433,11 +433,11 @@ class Call(ControlStep):
         name alone may be a mistyped word of another function.
         """
         for listing in (flow.listing, flow.main):
-            if line := _head(listing, name):
+            if line := head_of(listing, name):
                 return listing, line
         file = flow.library.find(f"<{name.lower()}>", self.at)
         if file is not None:
-            return file, _head(file, name)
+            return file, head_of(file, name)
         is_call = _NUMBERED.fullmatch(name) or self.control.values
         word = Word("L", 0.0, name, self.at.column, self.at.length)
         if is_call and skips_missing(flow, name, word, self.at.line):
@@ -447,7 +447,7 @@ class Call(ControlStep):
         raise flow.listing.fault(self.at, "sub-unknown", message, hint)
 
 
-def _head(listing: Listing, name: str) -> int:
+def head_of(listing: Listing, name: str) -> int:
     """Return the line that begins a subprogram; 0 if the text does not have it."""
     pattern = re.compile(
         rb"(?<![^\r\n])[ \t]*(?:%_N_" + name.encode() + rb"_[MS]PF\b"

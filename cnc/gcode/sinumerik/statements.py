@@ -21,6 +21,7 @@ from cnc.gcode.reader.statements import (
     NOTED,
     REMARK,
     SHOWN,
+    UNCHECKED,
     Assignment,
     Control,
     ExpressionRules,
@@ -276,7 +277,7 @@ class Lines(ExpressionRules):
 
     def _indexed(
         self, begin: int, end: int, letter: Token, number: Node, _equal: Token, right: Node | Token
-    ) -> _Word | Assignment:
+    ) -> _Word | Assignment | None:
         name = letter._replace(
             text=squeezed(self._text[begin : number.end]), begin=begin, end=number.end
         )
@@ -288,7 +289,16 @@ class Lines(ExpressionRules):
         if meaning := words()["directions"].get(name.text[1:]) if letter.text in "ABC" else None:
             hint = "give A3= B3= C3=, or the angles of the axes"
             raise not_supported(f"{what} ({meaning})", name.begin, name.end, hint)
+        if re.fullmatch("[SM][2-9]", name.text):
+            self._other_spindle(name.text[1], begin, end)
+            return None
         raise not_supported(what, name.begin, name.end)
+
+    def _other_spindle(self, number: str, begin: int, end: int) -> None:
+        """Note a word of another spindle: a driven tool or a second spindle."""
+        column, length = self._build.place(begin, end)
+        what = f"{squeezed(self._text[begin:end])} (spindle {number})"
+        self._remarks.append(Remark(UNCHECKED, what, column, length))
 
     def _named(
         self, begin: int, end: int, name: Token, _equal: Token, right: Node | Token
@@ -449,6 +459,8 @@ class Lines(ExpressionRules):
             if item.value is None or not self._is_zero(item.value):
                 what = f"{name} ({tables['only-zero'][name]})"
                 raise not_supported(what, begin, item.name.end, f"only {name}=0 is read")
+        elif name == "SETMS" and item.arguments and not self._is_first(item.arguments[0]):
+            self._other_spindle("other than 1", begin, item.end)
         elif name in tables["not-needed"]:
             what = f"{name} ({tables['not-needed'][name]}) has no effect here"
             self._remarks.append(Remark(NOTED, what, column, len(name)))
@@ -459,6 +471,9 @@ class Lines(ExpressionRules):
     def _a_value(self, given: Node | Token, of: Token) -> Node:
         """Return the value behind =, which may be counted from here."""
         return given if isinstance(given, Node) else self._value(given, of)
+
+    def _is_first(self, given: Node | Token | None) -> bool:
+        return isinstance(given, Node) and given.number == 1.0
 
     def _is_zero(self, given: Node | Token | None) -> bool:
         return isinstance(given, Node) and given.number == 0.0
@@ -755,11 +770,19 @@ class Lines(ExpressionRules):
         return self._control("s-call", name, (), begin, first.end, count=count)
 
     def _cycle(self, item: Any, kind: Keyword, begin: int) -> Control | None:
-        """Return a drilling cycle; None for another part of a line."""
+        """Return a drilling or turning cycle; None for another part of a line."""
         if not isinstance(item, _Named) or item.arguments is None:
             return None
-        match = re.fullmatch("CYCLE(8[1-9])", item.name.text)
-        return self._control(kind, match[1], self._values(item), begin, item.end) if match else None
+        if match := re.fullmatch("CYCLE(8[1-9])", item.name.text):
+            return self._control(kind, match[1], self._values(item), begin, item.end)
+        if kind == "cycle" and (match := re.fullmatch("CYCLE(9[578])", item.name.text)):
+            names: tuple[str, ...] = ()
+            given = item.arguments
+            if given and isinstance(given[0], Token) and given[0].terminal == "STRING":
+                names, given = (given[0].text.strip('"').upper(),), (None, *given[1:])
+            values = self._values(item._replace(arguments=given))
+            return self._control("s-turn", match[1], values, begin, item.end, names)
+        return None
 
     def _values(self, item: _Named) -> tuple[Value, ...]:
         """Return the arguments of a cycle or a call; NaN for those that are left out."""

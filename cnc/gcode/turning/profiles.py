@@ -47,6 +47,7 @@ from cnc.gcode.turning.roughing import (
     profile_of,
     repeat,
     rough,
+    without_pockets,
 )
 from cnc.model.blocks import ArcFeed, Block, Polyline
 from cnc.model.diagnostics import GcodeError
@@ -112,7 +113,7 @@ class ProfileCycles:
             raise fault("word-unused", f"{word.written} has no use in {at.written}", word)
         with moves.exact_path():
             for step in steps:
-                self._make(step, view, at, rapid_in=rapid_in)
+                self.make_step(step, view, at, rapid_in=rapid_in)
 
     def _without_return(self, code: G, blocks: list[Block], start: list[float]) -> list[Block]:
         """Return the blocks without a last G0 that goes straight back at the outside of the stock.
@@ -253,7 +254,7 @@ class ProfileCycles:
             raise fault("allowance-sign", message, at, "give it the other sign")
         return Pattern(profile, allowance, point, passes)
 
-    def _make(self, step: TurningStep, view: View, at: Word, *, rapid_in: bool) -> None:
+    def make_step(self, step: TurningStep, view: View, at: Word, *, rapid_in: bool) -> None:
         """Make a step. A cut that only approaches is a traverse if the profile's first one is."""
         motion, here = self._moves.motion, self._moves.here
         position = motion.position
@@ -323,7 +324,7 @@ def profile_cycle(line: int, statement: Statement, dialect: Dialect) -> ProfileC
     return None
 
 
-class _Line(NamedTuple):
+class ProfileLine(NamedTuple):
     """A line of a profile."""
 
     number: int
@@ -333,7 +334,8 @@ class _Line(NamedTuple):
 class ProfileCycle:
     """``G71 P Q ..`` and its like."""
 
-    def __init__(self, line: int, statement: Statement, word: Word, code: G) -> None:
+    def __init__(self, line: int, statement: Statement, word: Word, code: G, kind: int = 0) -> None:
+        self._kind = kind
         self._statement = statement
         self._at = Place(line, word.column, word.length)
         self._word = word
@@ -356,13 +358,13 @@ class ProfileCycle:
             self._refuse_rest(words)
             _finish(interpreter, lines, line)
             return after
-        moves = [_Line(row.number, _path_words(row.statement)) for row in lines]
+        moves = [ProfileLine(row.number, _path_words(row.statement)) for row in lines]
         turning = interpreter.turning_cycles
         assert turning is not None
         letters = {word.letter for word in lines[0].statement.words}
         both = bool(letters & set("XU")) and bool(letters & set("ZW"))
         with turning.moves.uncompensated(at):
-            blocks = _path_of(interpreter, moves, line)
+            blocks = path_of(interpreter, moves, line)
             cycles = ProfileCycles(turning)
             cycles.run(self._code, words, blocks, at, pockets=both)
         return after
@@ -399,7 +401,7 @@ class ProfileCycle:
             raise fault("profile-missing", f"there is no line N{number}", word, hint)
         return found
 
-    def _lines(self, flow: Flow, first: int, last: int) -> list[_Line]:
+    def _lines(self, flow: Flow, first: int, last: int) -> list[ProfileLine]:
         """The lines of the profile.
 
         Raises:
@@ -408,7 +410,7 @@ class ProfileCycle:
         if last - first >= MOST_LINES:
             message = f"the profile has more than {MOST_LINES} lines"
             raise self._fault("profile-too-long", message)
-        lines: list[_Line] = []
+        lines: list[ProfileLine] = []
         for number in range(first, last + 1):
             statement = flow.listing.statement_at(number)
             if statement is None:
@@ -417,7 +419,7 @@ class ProfileCycle:
                 message = f"line {number} of the profile is no move"
                 hint = "profiles have no jumps, calls and cycles"
                 raise self._fault("profile-line", message, hint)
-            lines.append(_Line(number, statement))
+            lines.append(ProfileLine(number, statement))
         return lines
 
     def _after(self, flow: Flow, first: int, last: int, line: int) -> int:
@@ -468,7 +470,7 @@ def _path_words(statement: Statement) -> Statement:
     return replace(statement.with_words(kept), remarks=())
 
 
-def _path_of(interpreter: Interpreter, lines: Iterable[_Line], line: int) -> list[Block]:
+def path_of(interpreter: Interpreter, lines: Iterable[ProfileLine], line: int) -> list[Block]:
     """Return the moves of lines without making them.
 
     Position and modes are as before afterwards, and the current line is ``line``.
@@ -479,7 +481,10 @@ def _path_of(interpreter: Interpreter, lines: Iterable[_Line], line: int) -> lis
     notes, unused.enabled = unused.enabled, False
     with interpreter.out.captured() as blocks:
         for number, statement in lines:
-            interpreter.execute(statement, number)
+            try:
+                interpreter.execute(statement, number)
+            except GcodeError as error:
+                raise error.at(line=error.diagnostic.line or number) from None
     unused.enabled = notes
     interpreter.context.state = state
     motion.position, interpreter.here.line = position, line
@@ -487,7 +492,7 @@ def _path_of(interpreter: Interpreter, lines: Iterable[_Line], line: int) -> lis
     return [block for block in blocks if isinstance(block, Polyline | ArcFeed)]
 
 
-def _finish(interpreter: Interpreter, lines: Iterable[_Line], line: int) -> None:
+def _finish(interpreter: Interpreter, lines: Iterable[ProfileLine], line: int) -> None:
     """Execute the lines of a profile (G70), and return to the position before.
 
     The axis that approaches the profile most leaves it first: a straight return could cross the
@@ -536,7 +541,7 @@ class SubroutineProfiles(ProfileCycles):
         given = self._moves.given(words, at.written)
         self._moves.rapid(given.get("Z", z), given.get("X", x))
 
-    def make(self, code: G, words: LineWords, blocks: list[Block], at: Word) -> None:
+    def make(self, code: G, words: LineWords, blocks: list[Block], at: Word, kind: int = 0) -> None:
         """Make the moves of a cycle.
 
         Args:
@@ -544,6 +549,7 @@ class SubroutineProfiles(ProfileCycles):
             words: Words of the line that belong to the cycle.
             blocks: Moves of the profile, from the position.
             at: The G word.
+            kind: What G71 and G72 cut: all (0), all without pockets (1), pockets (2).
         """
         start = self._moves.motion.position
         body, view = self._body(code, blocks, start, at)
@@ -551,13 +557,13 @@ class SubroutineProfiles(ProfileCycles):
         if code == G.G70:
             steps = self._finishing(words, body, top, at)
         else:
-            steps = self._passes(words, body, top, at)
+            steps = self._passes(words, body, top, at, kind)
         if words.rest:
             word = words.first()
             raise fault("word-unused", f"{word.written} has no use in {at.written}", word)
         with self._moves.exact_path():
             for step in steps:
-                self._make(step, view, at, rapid_in=False)
+                self.make_step(step, view, at, rapid_in=False)
 
     def _body(
         self, code: G, blocks: list[Block], start: list[float], at: Word
@@ -589,21 +595,32 @@ class SubroutineProfiles(ProfileCycles):
         return word.number * self._moves.context.state.scale
 
     def _passes(
-        self, words: LineWords, body: Profile, start: complex, at: Word
+        self, words: LineWords, body: Profile, start: complex, at: Word, kind: int
     ) -> list[TurningStep]:
         """The steps of G71 and G72, up to the end of the profile at the height of the start."""
         distance, depth, retract = (
             self._distance(words, letter, default, at)
             for letter, default in (("D", 0.0), ("I", 1.0), ("R", 0.5))
         )
-        body = self._offset(body, distance, at)
-        profile = [Piece(start, body[0].start), *body]
-        rises = is_monotone(piece.end.imag for piece in profile[1:])
-        cycle = Roughing(profile, 0j, depth, retract, pockets=not rises)
-        if not depth or cycle.passes > MOST_PASSES:
-            message = f"{at.written} makes more than {MOST_PASSES} passes"
-            raise fault("cycle-too-long", message, at, "give a larger I")
-        return list(rough(cycle))[:-2]
+        pockets: list[Profile]
+        body, pockets = offset_profile(body, distance, at), [[]]
+        if kind:
+            closed, pockets = without_pockets(body)
+            body, pockets = (closed, [[]]) if kind == 1 else (body, pockets)
+        steps: list[TurningStep] = []
+        for pocket in pockets:
+            begin = pocket[0].start if pocket else start
+            profile = pocket or [Piece(start, body[0].start), *body]
+            rises = is_monotone(piece.end.imag for piece in profile[1:])
+            above = max(start.imag - begin.imag, 0.0)
+            cycle = Roughing(profile, 0j, depth, retract, pockets=not rises, clearance=above)
+            if not depth or cycle.passes > MOST_PASSES:
+                message = f"{at.written} makes more than {MOST_PASSES} passes"
+                raise fault("cycle-too-long", message, at, "give a larger I")
+            if pocket:
+                steps.append(Traverse(begin + above * 1j))
+            steps += list(rough(cycle))[:-2]
+        return steps
 
     def _finishing(
         self, words: LineWords, body: Profile, start: complex, at: Word
@@ -615,7 +632,7 @@ class SubroutineProfiles(ProfileCycles):
         count = whole(word, "the number of passes", 1, MOST_PASSES) if word else 1
         steps: list[TurningStep] = []
         for number in range(count, 0, -1):
-            path = self._offset(body, (number - 1) * (first - last) / count + last, at)
+            path = offset_profile(body, (number - 1) * (first - last) / count + last, at)
             begin = path[0].start
             if steps:
                 steps += [Traverse(complex(path[-1].end.real, start.imag)), Traverse(start)]
@@ -623,31 +640,32 @@ class SubroutineProfiles(ProfileCycles):
             steps += [Cut(piece) for piece in path]
         return steps
 
-    def _offset(self, body: Profile, distance: float, at: Word) -> Profile:
-        """Return the profile at a distance towards the stock."""
-        if not distance:
-            return body
-        curves = [_beside(piece, distance) for piece in _whole(body)]
-        offset: Profile = []
-        begin: complex | None = None
-        cut_before = 0.0
-        for a, b in pairwise([*curves, None]):
-            if a is None:
-                break
-            here = a.first if begin is None else begin
-            corner = None if b is None else join(a, b, _LEFT, distance)
-            if b is not None and (corner is None or cut_before + corner.cut > a.length + TINY):
-                break
-            offset += _pieces(a, here, a.last if corner is None else corner.leave)
-            if b is None:
-                return offset
-            assert corner is not None
-            if corner.around:
-                around = Piece(corner.leave, corner.enter, a.corner, -1)
-                offset += arc_pieces(around.start, around.end, a.corner, around.turns)
-            begin, cut_before = corner.enter, max(corner.begin, 0.0)
-        message = f"the distance {distance:g} mm does not fit into a corner of the profile"
-        raise fault("allowance-in-pocket", message, at, "give a smaller one")
+
+def offset_profile(body: Profile, distance: float, at: Word) -> Profile:
+    """Return the profile at a distance towards the stock."""
+    if not distance:
+        return body
+    curves = [_beside(piece, distance) for piece in _whole(body)]
+    offset: Profile = []
+    begin: complex | None = None
+    cut_before = 0.0
+    for a, b in pairwise([*curves, None]):
+        if a is None:
+            break
+        here = a.first if begin is None else begin
+        corner = None if b is None else join(a, b, _LEFT, distance)
+        if b is not None and (corner is None or cut_before + corner.cut > a.length + TINY):
+            break
+        offset += _pieces(a, here, a.last if corner is None else corner.leave)
+        if b is None:
+            return offset
+        assert corner is not None
+        if corner.around:
+            around = Piece(corner.leave, corner.enter, a.corner, -1)
+            offset += arc_pieces(around.start, around.end, a.corner, around.turns)
+        begin, cut_before = corner.enter, max(corner.begin, 0.0)
+    message = f"the distance {distance:g} mm does not fit into a corner of the profile"
+    raise fault("allowance-in-pocket", message, at, "give a smaller one")
 
 
 def _whole(body: Profile) -> Profile:
@@ -684,7 +702,11 @@ def _pieces(curve: Curve, start: complex, end: complex) -> Profile:
 # The line is executed twice: first it enters the subroutine, whose blocks are kept back. At the
 # return it makes the cycle with them. Commands of the subroutine besides moves have no effect.
 
-_CODES = {code.code: code for code in (G.G70, G.G71, G.G72)}
+_CODES = {
+    70.0: (G.G70, 0), 71.0: (G.G71, 0), 71.1: (G.G71, 1), 71.2: (G.G71, 2),
+    72.0: (G.G72, 0), 72.1: (G.G72, 1), 72.2: (G.G72, 2),
+}  # fmt: skip
+"""Each code, and what it cuts: all, all without the pockets of the profile (1), or these (2)."""
 MAX_SUBROUTINE = 99_999
 
 
@@ -694,7 +716,7 @@ def subroutine_cycle(line: int, statement: Statement) -> SubroutineCycle | None:
         return None
     for word in statement.words:
         if word.letter == "G" and word.number in _CODES:
-            return SubroutineCycle(line, statement, word, _CODES[word.number])
+            return SubroutineCycle(line, statement, word, *_CODES[word.number])
     return None
 
 
@@ -767,7 +789,7 @@ class SubroutineCycle(ProfileCycle):
         ]
         if not blocks:
             raise self._fault("profile-empty", "the profile has no move")
-        self._cycles(flow).make(self._code, profile.words, blocks, self._word)
+        self._cycles(flow).make(self._code, profile.words, blocks, self._word, self._kind)
         interpreter.update_plain()
 
     @staticmethod

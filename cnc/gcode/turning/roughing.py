@@ -224,6 +224,38 @@ def split(profile: Profile, level: float) -> Iterator[tuple[bool, Profile]]:
         yield above, run
 
 
+def without_pockets(profile: Profile) -> tuple[Profile, list[Profile]]:
+    """Return a profile with its pockets closed by straight lines, and the pockets.
+
+    A pocket begins where the profile falls, and ends where it is as high again, or at the end.
+    """
+    closed: Profile = []
+    pockets: list[Profile] = []
+    level = profile[0].start.imag
+    pocket: Profile = []
+    for piece in profile:
+        if not pocket and piece.end.imag >= level - TINY:
+            closed.append(piece)
+            level = max(level, piece.end.imag)
+            continue
+        rest: Piece | None = None
+        if piece.start.imag < level - TINY and piece.end.imag > level + TINY:
+            at = piece.crossing(level)
+            piece, rest = replace(piece, end=at), replace(piece, start=at)
+        pocket.append(piece)
+        if piece.end.imag >= level - TINY:
+            closed.append(Piece(pocket[0].start, piece.end))
+            pockets.append(pocket)
+            pocket = []
+        if rest is not None:
+            closed.append(rest)
+            level = rest.end.imag
+    if pocket:
+        closed.append(Piece(pocket[0].start, complex(pocket[-1].end.real, level)))
+        pockets.append(pocket)
+    return closed, pockets
+
+
 def _parts(piece: Piece, level: float) -> Profile:
     low, high = sorted((piece.start.imag, piece.end.imag))
     if not low + TINY < level < high - TINY:
@@ -286,6 +318,9 @@ class Roughing:
         depth: Largest depth of a pass.
         retract: Distance of the retract along and across.
         pockets: Whether the profile may fall (type II).
+        even: Whether the passes of a section have the same depth, up to ``depth``, and the last of
+            them reaches its bottom, so that no pass along the whole profile follows.
+        clearance: Distance of traverses above the stock.
     """
 
     profile: Profile
@@ -293,6 +328,8 @@ class Roughing:
     depth: float
     retract: float
     pockets: bool
+    even: bool = False
+    clearance: float = 0.0
 
     @property
     def shifted(self) -> Profile:
@@ -309,28 +346,32 @@ class Roughing:
 def rough(cycle: Roughing) -> Iterator[TurningStep]:
     """Return the steps of G71 or G72 from the start point and back to it."""
     profile = cycle.shifted
-    start = here = cycle.profile[0].start
-    clear = max(highest(profile), start.imag)
+    start = here = cycle.profile[0].start + cycle.clearance * 1j
+    clear = max(highest(profile), cycle.profile[0].start.imag) + cycle.clearance
     base = profile[0].start.imag
     pending = [(run, base) for above, run in split(profile, base) if not above]
     cleared = _Cleared(start.real, start.real, clear)
     while pending:
         run, upper = pending.pop()
+        bottom = lowest(run)
         level = upper - cycle.depth
+        if cycle.even and upper > bottom + TINY:
+            level = upper - (upper - bottom) / math.ceil((upper - bottom) / cycle.depth - TINY)
         way = _way(run, level, pockets=cycle.pockets)
-        if not way or lowest(run) >= level - TINY:
+        if not way or (upper <= bottom + TINY if cycle.even else bottom >= level - TINY):
             continue
         begin, end = way[0].start, way[-1].end
-        yield from _approach(here, begin, profile, cleared, upper + cycle.retract)
+        yield from _approach(here, begin, profile, cleared, clear, upper + cycle.retract)
         for piece in way:
             yield Cut(piece, approach=_is_approach(piece, profile))
         here = _retracted(way, cycle.retract, straight=cycle.pockets and end.imag < upper - TINY)
         yield Traverse(here)
         cleared = _Cleared(begin.real, end.real, upper if cycle.pockets else level)
         pending += reversed([(below, level) for above, below in split(run, level) if not above])
-    yield from _last_pass(profile, here, clear)
-    last = profile[-1].end
-    yield Traverse(complex(last.real, clear))
+    if not cycle.even:
+        yield from _last_pass(profile, here, clear)
+        here = profile[-1].end
+    yield Traverse(complex(here.real, clear))
     yield Traverse(complex(profile[0].start.real, clear))
     yield Traverse(start)
 
@@ -360,7 +401,7 @@ def _way(run: Profile, level: float, *, pockets: bool) -> Profile:
 
 
 def _approach(
-    here: complex, to: complex, profile: Profile, cleared: _Cleared, above: float
+    here: complex, to: complex, profile: Profile, cleared: _Cleared, clear: float, above: float
 ) -> Iterator[TurningStep]:
     """The way to the start of a pass: over the last pass, or else above the stock.
 
@@ -369,9 +410,9 @@ def _approach(
         to: Start of the pass.
         profile: The whole profile.
         cleared: What the last pass has cleared.
+        clear: Height above the stock.
         above: Height to which a traverse may come down.
     """
-    clear = max(highest(profile), profile[0].start.imag)
     is_along = cleared.first - TINY <= to.real <= cleared.last + TINY
     is_over = is_along and to.imag <= cleared.floor + TINY
     height = max(here.imag, cleared.floor if is_over else clear)

@@ -113,6 +113,7 @@ class TurningThreads(Executor):
         self._angle = 0.0
         self._least = 0.0
         self._allowance = 0.0
+        self._doubtful: Word | None = None
 
     # One move, one pass
 
@@ -126,13 +127,13 @@ class TurningThreads(Executor):
         moves.check(at)
         if not words.has_axis():
             raise fault("axis-words-missing", f"{at.written} needs X or Z", at)
-        turns, here = self._turns_per_second(at), moves.place
+        turns, here = self.turns_per_second(at), moves.place
         lead = None if self._dialect.flavour == "siemens" else self._lead_of(words, at)
         given = moves.given(words, at.written)
         end = given.get("Z", here[0]), given.get("X", here[1])
         if lead is None:
             lead = self._lead_along(words, abs(end[0] - here[0]) >= abs(end[1] - here[1]), at)
-        self._follow(here, end, lead, turns)
+        self.follow(here, end, lead, turns)
 
     def single(self, words: LineWords, code: Code | None) -> None:
         """Execute G78 (G92 of system A): in, one pass, out and back. R is the taper."""
@@ -142,7 +143,7 @@ class TurningThreads(Executor):
         if code:
             staying.clear()
         moves.take_taper(words, "I")
-        lead, turns = self._lead_of(words, at), self._turns_per_second(at)
+        lead, turns = self._lead_of(words, at), self.turns_per_second(at)
         if taper := words.take("R", at.written):
             staying["R"] = taper.number * self._state.scale
         staying |= moves.given(words, at.written)
@@ -154,12 +155,12 @@ class TurningThreads(Executor):
         first = z0, x + staying.get("R", 0.0)
         with moves.exact_path():
             moves.rapid(*first)
-            self._follow(first, (z, x), lead, turns)
+            self.follow(first, (z, x), lead, turns)
             moves.end_follow()
             moves.rapid(z, x0)
             moves.rapid(z0, x0)
 
-    def _follow(
+    def follow(
         self, here: tuple[float, float], to: tuple[float, float], lead: float, turns: float
     ) -> None:
         """Cut to a point; the lead counts along the axis that moves farther."""
@@ -195,7 +196,8 @@ class TurningThreads(Executor):
             raise fault("pitch-missing", f"{at.written} needs {letter}", at, hint)
         return positive(word, "the lead") * self._state.scale
 
-    def _turns_per_second(self, at: Word) -> float:
+    def turns_per_second(self, at: Word) -> float:
+        """Return the speed of the spindle, which must turn at a constant one."""
         state = self._state
         if state.spindle == "off" or not state.speed:
             message = f"{at.written} follows the spindle, which does not turn"
@@ -216,19 +218,19 @@ class TurningThreads(Executor):
             return
         moves = self._moves
         moves.check(at)
-        lead, turns = self._lead_of(words, at), self._turns_per_second(at)
+        lead, turns = self._lead_of(words, at), self.turns_per_second(at)
         thread = self._thread(words, at, lead)
         for count, _ in enumerate(thread.depths()):
             if count > MOST_PASSES:
                 message = f"{at.written} makes more than {MOST_PASSES} passes"
                 raise fault("cycle-too-long", message, at, "give a larger first depth")
         with moves.exact_path():
-            self._overrides(on=False)
+            self.overrides(on=False)
             for depth in thread.depths():
                 self._pass(thread, depth, lead, turns)
-            self._overrides(on=True)
+            self.overrides(on=True)
 
-    def _overrides(self, *, on: bool) -> None:
+    def overrides(self, *, on: bool) -> None:
         """Disable the feed override during the threads, and enable it where it was before."""
         state, here = self._state, self._moves.here
         self._moves.out.add(
@@ -261,11 +263,11 @@ class TurningThreads(Executor):
                 begin[1] + part * (end[1] - begin[1]),
             )
             out = min(thread.chamfer, abs(corner[1] - x0))
-            self._follow(begin, corner, lead, turns)
+            self.follow(begin, corner, lead, turns)
             end = z, corner[1] - inward * out
-            self._follow(corner, end, lead, turns)
+            self.follow(corner, end, lead, turns)
         else:
-            self._follow(begin, end, lead, turns)
+            self.follow(begin, end, lead, turns)
         moves.end_follow()
         moves.rapid(z, x0)
         moves.rapid(z0, x0)
@@ -284,6 +286,8 @@ class TurningThreads(Executor):
             self._least = self._length(least)
         if allowance:
             self._allowance = not_negative(allowance, "the allowance") * self._state.scale
+            pointed = "." in allowance.written or self._dialect.turning.least_increments
+            self._doubtful = None if pointed else allowance
 
     def _thread(self, words: LineWords, at: Word, lead: float) -> Thread:
         """The thread of the words of G76 with X and Z."""
@@ -293,6 +297,8 @@ class TurningThreads(Executor):
         letters = "PQR" if two_lines else "KDI"
         tip = None if two_lines else words.take("A", at.written)
         height, first, taper = (words.take(letter, at.written) for letter in letters)
+        if height and self._doubtful and self._allowance >= self._length(height):
+            self._read_in_thousandths(self._doubtful, at)
         given = moves.given(words, at.written)
         start = moves.place
         for letter, word in zip(
@@ -327,6 +333,17 @@ class TurningThreads(Executor):
         )
         self._check(thread, at, (height, first))
         return thread
+
+    def _read_in_thousandths(self, allowance: Word, at: Word) -> None:
+        """Read the allowance as P and Q of G76: in mm it would be no less than the thread's height.
+
+        FANUC's own example of G76 has R200 beside coordinates with a decimal point.
+        """
+        self._allowance, self._doubtful = self._length(allowance), None
+        message = f"{allowance.written} of G76 counts thousandths here, as P and Q do: in mm it is "
+        message += "more than the thread"
+        hint = f"write the decimal point: R{self._allowance / self._state.scale:g}"
+        self._here.report_warning("decimal-point-missing", message, at, hint)
 
     def _check(self, thread: Thread, at: Word, words: tuple[Word, Word]) -> None:
         (z0, x0), (z, x) = thread.start, thread.end

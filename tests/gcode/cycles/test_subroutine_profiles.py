@@ -129,3 +129,38 @@ def test_the_subroutine_moves_nothing_and_changes_nothing() -> None:
 )
 def test_faults(lines: list[str], cycle: str, code: str) -> None:
     assert error_of(program(lines, cycle), dialect="linuxcnc", axes="xyz").code == code
+
+
+POCKET = ["G1 X10 Z0", "Z-5", "X6 Z-9", "Z-12", "X10 Z-16", "X14 Z-18", "Z-22", "X20"]
+
+
+def test_g71_1_leaves_the_pockets_to_g71_2() -> None:
+    moves = ours(program(POCKET, "G71.1 Q100 X20 Z2 I4 R1"))
+    cuts = [(x, z) for kind, x, z in moves if kind == "line"]
+    # Levels are 4 mm apart; the last pass goes straight over the pocket, from z -5 to z -16.
+    assert cuts == [
+        (16, 1.2), (16, -22), (16, 1.2), (12, 0.4), (12, -17),
+        (10, 0), (10, -5), (10, -16), (14, -18), (14, -22), (20, -22),
+    ]  # fmt: skip
+    moves = ours(program(POCKET, "G0 X20 Z2\nG71.2 Q100 I2 R1"))
+    cuts = [(x, z) for kind, x, z in moves if kind == "line"]
+    # The pocket is 4 mm deep: a pass 2 mm deep, and the last one along it.
+    assert cuts == [
+        (10, -5), (8, -7), (8, -14), (10, -5), (6, -9), (6, -12), (10, -16)
+    ]  # fmt: skip
+    assert moves[-1] == ("rapid", 20, -16)
+
+
+def test_a_pocket_without_a_far_wall_ends_with_the_profile() -> None:
+    lines = ["G1 X10 Z0", "Z-5", "X6 Z-9", "Z-12"]
+    cuts = [
+        (x, z) for kind, x, z in ours(program(lines, "G71.1 Q100 X12 Z2 I4 R1")) if kind == "line"
+    ]
+    assert cuts[-2:] == [(10, -5), (10, -12)]
+    cuts = [
+        (x, z)
+        for kind, x, z in ours(program(lines, "G0 X12 Z2\nG71.2 Q100 I4 R1"))
+        if kind == "line"
+    ]
+    assert cuts[-2:] == [(6, -9), (6, -12)]
+    assert min(x for x, _ in cuts) == 6

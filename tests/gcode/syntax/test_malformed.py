@@ -280,7 +280,7 @@ arc-distance before-each exact-path exact-stop feed-mode if-goto if-then input-o
 latin-1 macro-b non-modal pass-on per-minute per-revolution spindle-mode tool-change tool-length
 utf-8 utf-8-sig while-do exact-stop-once figure-mirror figure-polar figure-rotation figure-scaling
 not-needed s-goto s-if s-else s-endif s-while s-endwhile s-for s-endfor s-loop s-endloop s-repeat
-s-call s-end s-proc s-holes s-again
+s-call s-end s-proc s-holes s-turn s-again
 s-until skip-alarm siemens-lathe
 """
 """Strings in the interpreter that look like an error code but are not."""
@@ -290,7 +290,7 @@ expression-too-deep
 allowance-in-pocket allowance-sign decimal-point-needed lathe-dialect-unclear profile-empty
 profile-line profile-missing profile-not-monotone profile-place profile-start profile-too-long
 allowance-at-wall arc-without-center profile-beyond-start profile-return
-thread-start tool-word-form turning-plane
+thread-start tool-word-form turning-plane face-code face-start
 comment-not-active not-gcode percent-code-behind percent-leader percent-unopened program-for-lathe
 program-for-printer
 cycle-not-compensated spindle-speed-assumed
