@@ -255,6 +255,7 @@ def jog(
             watched=[not closed for closed in board.switches],
             known=[steps is not None or not machine.can_home for steps in counted],
         )
+    report = on_progress or (lambda _: None)
     # A joint may be faster than the tool.
     board.prepare_jog(math.inf if machine.kinematics.joints else feed)
     return execute(
@@ -262,7 +263,7 @@ def jog(
         board,
         pulses,
         control=control,
-        on_progress=on_progress,
+        on_progress=lambda progress: report(progress.of_tip(joints)),
         ramp_down=planner.ramp_down,
     )
 

@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kinematics.base import Kinematics, Point
 from cnc.kinematics.five_axis import FiveAxis
 from cnc.kinematics.interval import Interval
 from cnc.kinematics.orientation import Swing, angles_of, swing
 from cnc.kinematics.series import Series, Term
 from cnc.machine.models import Machine
-from cnc.model.blocks import ROTARY_LETTERS, Block, TipControl
+from cnc.model.blocks import ROTARY_LETTERS, Answer, Block, Probe, TipControl
 from cnc.model.diagnostics import Diagnostic, MachineFileError, MotionLimitError
 from cnc.path.chunk import PathChunk
 from cnc.path.kernels.curve import LINE, METRICS, SPAN, START, U0, U1
 from cnc.planner.corners import CornerBlending
+from cnc.planner.joint_map import JointMap
 from cnc.planner.kernels.joint_records import (
     LARGEST_TABLE,
     ORDER,
@@ -28,7 +28,7 @@ from cnc.planner.kernels.joint_records import (
     write_joint_records,
 )
 from cnc.planner.limits import Limits
-from cnc.planner.tip_series import Parts, tip_series
+from cnc.planner.tip_series import Parts, joined, tip_series
 
 Ints = NDArray[np.int64]
 
@@ -53,6 +53,7 @@ class Joints:
             where the axes are the joints.
         tip_axes: Letters of the axes, which are the columns of a tip.
         linear: Whether the joints are a linear function of the tip.
+        home_alone: Whether each joint has a switch and homes alone.
         short_legs: Most vertices in a row with short legs in a polygon whose legs stay straight;
             None where the ramps beside a stop are not straight. Where the jerk of an axis is
             limited, one motion passes several corners, so it is SHORT_LEGS; else blends need longer
@@ -69,6 +70,7 @@ class Joints:
             self._limits = Limits.of_tip(machine)
         self.tip_columns = machine.tip_columns
         self.linear = self._map is None or self._map.linear
+        self.home_alone = not self.linear or machine.is_compensated
         self.short_legs: int | None = None
         if self.linear:
             by_axis = any(axis.max_jerk is not None for axis in machine.axes.values())
@@ -217,129 +219,6 @@ class ToolTipOf:
         return here[tilt] * self._signs[0], here[turn] * self._signs[1]
 
 
-# All joints of a machine: those of its kinematics, and the axes that are joints themselves.
-
-
-class JointMap:
-    """Joints in the order of :attr:`cnc.machine.models.Machine.joint_tables`.
-
-    Args:
-        kinematics: relates the taken axes and the joints ``own``.
-        taken: columns of the axes that the kinematics takes.
-        own: columns of its joints.
-        others: columns of the axes that are joints themselves.
-        names: names of all joints.
-
-    Attributes:
-        names: of the joints.
-        columns: names of the joints' columns in a path.
-        turning: (joints,): whether a joint comes to the same place after 360 degrees.
-        linear: whether the joints are a linear function of the tip.
-        angular: whether the unit of each joint is the degree.
-    """
-
-    def __init__(
-        self,
-        kinematics: Kinematics,
-        taken: Sequence[int],
-        own: Sequence[int],
-        others: Sequence[int],
-        names: Sequence[str],
-    ) -> None:
-        self._kinematics, self._taken, self._own = kinematics, tuple(taken), tuple(own)
-        self._others = tuple(others)
-        self._rest = tuple(k for k in range(len(names)) if k not in self._own)
-        self.names = tuple(names)
-        self.columns = tuple(f"joint {name}" for name in names)
-        self.linear = kinematics.linear
-        self._table: FiveAxis | None = None
-        self._letters: tuple[str, ...] = ()
-        self.turning = np.zeros(len(names), np.bool_)
-        self.turning[list(own)] = kinematics.turning
-        turns = dict(zip(own, kinematics.angular or kinematics.turning, strict=True))
-        self.angular = tuple(
-            turns.get(k, name in ROTARY_LETTERS) for k, name in enumerate(self.names)
-        )
-
-    @classmethod
-    def of(cls, machine: Machine) -> JointMap | None:
-        """Return the joints of a machine; None where they are the axes."""
-        table, letters = machine.kinematics, machine.axis_names
-        if isinstance(table, FiveAxis):
-            return _of_five(table, letters, None)
-        kinematics = table.formulas()
-        if kinematics is None:
-            return None
-        names, moved, joints = tuple(machine.joint_tables), table.axes, table.joints
-        return cls(
-            kinematics,
-            [letters.index(letter) for letter in moved],
-            [names.index(name) for name in joints],
-            [k for k, letter in enumerate(letters) if letter not in moved],
-            names,
-        )
-
-    def with_tool(self, offset: Point | None) -> JointMap:
-        """Return the joints under tool-tip control with a tool, or of the bare axes for None.
-
-        Args:
-            offset: of the tool along X, Y and Z, mm.
-        """
-        assert self._table is not None
-        return _of_five(self._table, self._letters, offset)
-
-    def series(self, tip: Sequence[Series]) -> list[Series]:
-        """Return the series of all joints from those of all axes."""
-        own = self._kinematics.inverse([tip[k] for k in self._taken])
-        places = dict(zip(self._own, own, strict=True))
-        places |= {k: tip[axis] for k, axis in zip(self._rest, self._others, strict=True)}
-        return [places[k] for k in range(len(self.names))]
-
-    def inverse(self, tip: Floats) -> Floats:
-        """Return the joints (m, joints) of tips (m, axes).
-
-        Values that are out of reach are not numbers. Angles lie within half a turn of 0.
-        """
-        joints = self.series([Series([column]) for column in tip.T])
-        return np.stack([np.asarray(series.terms[0]) for series in joints], axis=-1)
-
-    def leaving(self, start: Floats, end: Floats) -> tuple[NDArray[np.bool_], Floats]:
-        """Return the straight moves out of a singular pose on which the joints stay linear.
-
-        Args:
-            start: Tips at which moves begin (m, axes).
-            end: Tips at which they end.
-
-        Returns:
-            Whether each move is such a move (m,), and the joints at its start (m, joints).
-        """
-        taken = list(self._taken)
-        leaves, own = self._kinematics.leaving(start[:, taken], end[:, taken])
-        joints = np.empty((len(start), len(self.names)))
-        joints[:, list(self._own)] = own
-        joints[:, list(self._rest)] = start[:, list(self._others)]
-        return leaves, joints
-
-    def forward(self, joints: Floats) -> Floats:
-        """Return the tips (m, axes) of joints (m, joints)."""
-        tip = np.empty((len(joints), len(self._taken) + len(self._others)))
-        tip[:, self._others] = joints[:, self._rest]
-        own = self._kinematics.forward([joints[:, k] for k in self._own])
-        for axis, column in zip(self._taken, own, strict=True):
-            tip[:, axis] = column
-        return tip
-
-
-def _of_five(table: FiveAxis, letters: tuple[str, ...], offset: Point | None) -> JointMap:
-    """Return the joints of a five-axis machine; without an offset they are the axes."""
-    taken = [letters.index(letter) for letter in table.tip_axes]
-    kinematics = table.formulas() if offset is None else table.with_tool(offset)
-    others = [k for k in range(len(letters)) if k not in taken]
-    joints = JointMap(kinematics, taken, taken, others, letters)
-    joints._table, joints._letters = table, letters
-    return joints
-
-
 # The path of the joints beside that of the tool tip.
 #
 #     chunk: x y z  ->  parts  ->  series of tip and joints  ->  chunk: x y z | a b c
@@ -364,6 +243,10 @@ LENGTH_ACCURACY = 1e-12
 """Largest error of the inverse arc length, mm."""
 SHORTEST = 2.0**-20
 """Share of a piece below which a part is not cut again: the kinematics is singular there."""
+BORDER_ACCURACY = 1e-9
+"""Distance from a border of formulas at which a part may end, mm or degrees."""
+ROOT_PASSES = 60
+"""Passes in which such a place is sought."""
 MOST_PARTS = 8
 """Parts into which a part is cut at once."""
 SEARCHED = 257
@@ -409,6 +292,15 @@ class JointPath:
             if isinstance(item, TipControl):
                 self._joints = self._joints.with_tool(item.offset)
             yield item
+            if isinstance(item, Probe) and item.answer.of_joints:
+                self._take_contact(item.answer)
+
+    def _take_contact(self, answer: Answer) -> None:
+        """Give the answer of a probe the tip, from the joints that the board has counted."""
+        assert answer.values is not None
+        contact, *joints = answer.values
+        tip = self._joints.forward(np.array([joints]))[0]
+        answer.values, answer.of_joints = (contact, *tip.tolist()), False
 
     def _with_joints(self, path: PathChunk) -> PathChunk:
         leaving, joints = self._leaving(path)
@@ -481,18 +373,41 @@ class JointPath:
             narrow = rest.last - rest.first < shortest[rest.piece]
             if narrow.any():
                 self._refuse(path, rest.of(narrow))
+            border = self._borders(path, rest)
+            crosses = ~np.isnan(border)
+            halves, rest, error = rest.of(crosses), rest.of(~crosses), error[~crosses]
             with np.errstate(over="ignore", invalid="ignore"):
                 wanted = np.ceil(1.1 * (error / ACCURACY) ** 0.125)
             wanted = np.where(np.isfinite(wanted), np.clip(wanted, 2, MOST_PARTS), 2)
-            open_parts = _cut(rest, wanted.astype(np.int64))
-        piece, first, last = (np.concatenate(column) for column in zip(*done, strict=True))
-        order = np.lexsort((first, piece))
-        return Parts(piece[order], first[order], last[order])
+            open_parts = joined(
+                _cut(rest, wanted.astype(np.int64)),
+                halves._replace(last=border[crosses]),
+                halves._replace(first=border[crosses]),
+            )
+        parts = joined(*done)
+        return parts.of(np.lexsort((parts.first, parts.piece)))
+
+    def _borders(self, path: PathChunk, parts: Parts) -> Floats:
+        """Return the parameters (m,) at which parts cross a border of their formulas, or NaN."""
+        weights, places = self._joints.border(
+            self._tips(path, parts.starts), self._tips(path, parts.ends)
+        )
+        borders = np.full(len(places), np.nan)
+        crossing = np.flatnonzero(~np.isnan(places))
+        some, row, place = parts.of(crossing), weights[crossing], places[crossing]
+
+        def beyond(u: Floats) -> Floats:
+            tips = self._tips(path, Parts(some.piece, u, u))
+            distance: Floats = (row * tips).sum(axis=1) - place
+            return distance
+
+        borders[crossing] = roots(beyond, some.first, some.last)
+        return borders
 
     def _remainder(self, path: PathChunk, parts: Parts) -> Floats:
         """Return a bound on the distance of the polynomials from the motion (m,), mm or degrees."""
         tip = tip_series(path, parts, ORDER, bounds=True)
-        joints = self._joints.series(tip)
+        joints = self._bound_to(path, parts).series(tip)
         worst = np.zeros(len(parts.piece))
         for series in (*tip, *joints):
             worst = np.maximum(worst, _size(series.terms[ORDER]))
@@ -554,8 +469,9 @@ class JointPath:
         straight = leaving[parts.piece]
         if self._joints.linear:
             straight = path.kind[parts.piece] == LINE
-        left = self._columns(tip_series(path, parts.starts, 3, bounds=False))
-        right = self._columns(tip_series(path, parts.ends, 3, bounds=False))
+        bound = self._bound_to(path, parts)
+        left = _columns(bound, tip_series(path, parts.starts, 3, bounds=False))
+        right = _columns(bound, tip_series(path, parts.ends, 3, bounds=False))
         self._take_exact_ends(path, parts, left, right)
         alone = np.flatnonzero(leaving[parts.piece])
         left[0][alone, len(path.axes) :] = joints[parts.piece[alone]]
@@ -576,10 +492,10 @@ class JointPath:
             form,
         )
 
-    def _columns(self, tip: list[Series]) -> Floats:
-        """Return the terms of tip and joints (4, m, columns)."""
-        every = (*tip, *self._joints.series(tip))
-        return np.stack([np.stack([np.asarray(t) for t in s.terms]) for s in every], axis=-1)
+    def _bound_to(self, path: PathChunk, parts: Parts) -> JointMap:
+        """Return the joints on these parts of the path."""
+        three = (parts.starts, parts.middles, parts.ends)
+        return self._joints.bound_to(*(self._tips(path, places) for places in three))
 
     def _take_exact_ends(self, path: PathChunk, parts: Parts, left: Floats, right: Floats) -> None:
         """Replace the positions at the ends of pieces by those of the records."""
@@ -606,6 +522,44 @@ class JointPath:
             a += TURN * turns
             b += TURN * (turns + inside)
         self._now = right[0][-1, axes:].copy()
+
+
+def _columns(joints: JointMap, tip: list[Series]) -> Floats:
+    """Return the terms of tip and joints (4, m, columns)."""
+    every = (*tip, *joints.series(tip))
+    return np.stack([np.stack([np.asarray(t) for t in s.terms]) for s in every], axis=-1)
+
+
+def roots(function: Callable[[Floats], Floats], low: Floats, high: Floats) -> Floats:
+    """Return the places (m,) between two others at which values are 0.
+
+    The values at ``low`` and ``high`` have different signs. The method is that of Ridders (IEEE
+    Transactions on Circuits and Systems 26, 1979), which stays between the two places.
+
+    Args:
+        function: Values (m,) at places (m,).
+        low: Places (m,).
+        high: Other places (m,).
+    """
+    a, b = low.copy(), high.copy()
+    of_a, of_b = function(a), function(b)
+    best = a
+    for _ in range(ROOT_PASSES):
+        middle = 0.5 * (a + b)
+        of_middle = function(middle)
+        root = np.sqrt(np.maximum(of_middle**2 - of_a * of_b, np.finfo(float).tiny))
+        best = middle + (middle - a) * np.sign(of_a - of_b) * of_middle / root
+        best = np.clip(best, np.minimum(a, b), np.maximum(a, b))
+        of_best = function(best)
+        if np.abs(of_best).max(initial=0.0) < BORDER_ACCURACY:
+            break
+        # The root lies between the middle and the best place, or between one of these and an end.
+        for place, value in ((middle, of_middle), (best, of_best)):
+            same = np.sign(value) == np.sign(of_a)
+            inside = (place - a) * (place - b) <= 0.0
+            a, of_a = np.where(same & inside, place, a), np.where(same & inside, value, of_a)
+            b, of_b = np.where(~same & inside, place, b), np.where(~same & inside, value, of_b)
+    return best
 
 
 def _words(axes: Sequence[str], position: Floats) -> str:

@@ -15,8 +15,8 @@ closed already: their axes do not move.
 Several motors of an axis are squared at each approach (:mod:`cnc.session.homing`).
 
 Where the joints are a linear function of the tip (CoreXY), the switches belong to the axes, and
-both motors move one axis at a time. Where they are another function (a delta), each joint has a
-switch and homes alone, so a joint needs a travel.
+both motors move one axis at a time. Where they are another function (a delta), or where errors are
+compensated, each joint has a switch and homes alone, so a joint needs a travel.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -190,7 +191,7 @@ def homed_steps(
         ],
         np.int64,
     )
-    if not joints.linear:
+    if joints.home_alone:
         for cycle in cycles:
             steps[cycle.column] = round(cycle.rest * float(scale[cycle.column]))
         return steps
@@ -585,6 +586,12 @@ class _Homing:
         return board_error(code, message, hint=hint)
 
 
+def _report_tip(
+    on_progress: Callable[[Progress], None], joints: Joints, progress: Progress
+) -> None:
+    on_progress(progress.of_tip(joints))
+
+
 def home(
     board: PulseSink,
     machine: Machine,
@@ -621,9 +628,12 @@ def home(
         hint = "name the board that has them with --board"
         raise UsageError(Diagnostic("no-switches", message, hint=hint))
     switches, joints = len(board.switches), Joints(machine)
-    if not joints.linear:
+    report = None
+    if on_progress is not None:
+        report = partial(_report_tip, on_progress, joints)
+    if joints.home_alone:
         machine, start = joints.machine, joints.at(start)
-    homing = _Homing(board, machine, control or Control(), on_progress, start, on_squared)
+    homing = _Homing(board, machine, control or Control(), report, start, on_squared)
     for cycle in homing_sequence(machine, homing.with_partners(axes, switches), switches):
         if on_axis is not None:
             on_axis(cycle)

@@ -230,7 +230,8 @@ class PulsePass:
             progress = replace(progress, left=left)
         if self._planner is not None and (pending := self._planner.pending) > 0.0:
             progress = replace(progress, pending=pending + (progress.ahead or 0.0))
-        self._context.observer.sent(replace(progress, axes=self._machine.axis_names))
+        progress = replace(progress.of_tip(self._joints), axes=self._machine.axis_names)
+        self._context.observer.sent(progress)
 
     def _record_position(self, grid: NDArray[np.int64]) -> None:
         """Record the position of the board after a program that did not reach its end."""

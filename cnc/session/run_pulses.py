@@ -24,6 +24,7 @@ from cnc.model.diagnostics import BoardError, CncError, Diagnostic
 from cnc.model.motion_commands import places_of
 from cnc.model.operator_control import Control
 from cnc.model.streams import PulseChunk
+from cnc.planner.joints import Joints
 from cnc.planner.plan import PlanChunk, RunClock
 
 # Commands that go with the motion: the time of each, and their place among the pulses.
@@ -167,6 +168,13 @@ class Progress:
     tool: int | None = None
     pending: float = 0.0
 
+    def of_tip(self, joints: Joints) -> Progress:
+        """Return the progress with the position of the axes, from that of the joints."""
+        if self.position is None:
+            return self
+        tip = joints.tip(np.array(self.position))
+        return replace(self, position=tuple(tip.tolist()))
+
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
@@ -282,6 +290,7 @@ class _Run:
         contact = self.board.probe_result()
         reply = reply if contact is None else contact
         block.answer.values = reply
+        block.answer.of_joints = contact is not None
         if reply is not None:
             self.interpolator.stand_at(self.board.position_steps)
         if block.must and reply is not None and not reply[0]:

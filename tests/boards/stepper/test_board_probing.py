@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 from cnc.api import Report, run
 from cnc.boards.stepper.driver import Stepper
+from cnc.kinematics.planar import CoreXY
+from cnc.machine.compensation import ErrorPoint
+from cnc.machine.models import Machine
 from tests.support.boards.stepper_rig import machine
 from tests.support.boards.stepper_simulator import Simulator, SimulatorPort
 from tests.support.soak import share
@@ -47,7 +50,12 @@ M2
 
 
 def probed(
-    folder: Path, text: str, part: int | None = None, *, touched: bool = False
+    folder: Path,
+    text: str,
+    part: int | None = None,
+    *,
+    touched: bool = False,
+    known: Machine | None = None,
 ) -> tuple[Report, NDArray[np.int8]]:
     """Run a program; return the report and the grid moves of the pins.
 
@@ -56,7 +64,9 @@ def probed(
         text: The program.
         part: X of the part that is touched, steps.
         touched: Whether the probe touches something from the start.
+        known: The machine; None for the router.
     """
+    known = known or machine()
     (folder / "probe.ngc").write_text(text)
     simulator = Simulator()
     if touched:
@@ -64,8 +74,8 @@ def probed(
     port = SimulatorPort(simulator)
     if part is not None:
         Part(simulator, part)
-    board = Stepper(port, machine(), "the simulator", clock=port)
-    report = run(folder / "probe.ngc", machine(), board=board)
+    board = Stepper(port, known.of_joints, "the simulator", clock=port)
+    report = run(folder / "probe.ngc", known, board=board)
     board.close()
     _, made = simulator.moves()
     simulator.close()
@@ -106,3 +116,40 @@ def test_probe_with_contact_at_its_start(tmp_path: Path) -> None:
     report, made = probed(tmp_path, "G21 G90\nG38.2 X2 F600\nM2\n", touched=True)
     assert [fault.diagnostic.code for fault in report.faults] == ["probe-contact"]
     assert not len(made)
+
+
+def test_a_probe_answers_with_the_place_of_the_tool(tmp_path: Path) -> None:
+    """The screw is 0.25 mm ahead of its motor: the contact at 1000 steps is at X 0.25 mm more."""
+    router = machine()
+    x = router.axes["x"]
+    rows = tuple(ErrorPoint(place, 0.25, 0.25) for place in (-500.0, 500.0))
+    known = router.model_copy(
+        update={"axes": {**router.axes, "x": x.model_copy(update={"error_table": rows})}}
+    )
+    report, made = probed(
+        tmp_path, "G21 G90\nG38.2 X20 F300\nG1 X[#5061 - 1] Y#5062 F600\nM2\n", 1000, known=known
+    )
+    assert report.ok, report.faults
+    contact = made[:, 0].astype(np.int64).cumsum().max()
+    assert 1000 <= contact <= 1002
+    assert made[:, 0].sum(dtype=np.int64) == pytest.approx(contact - x.steps_per_mm, abs=1)
+    assert not made[:, 1].any()
+
+
+def test_a_probe_on_belts_answers_with_the_place_of_the_tool(tmp_path: Path) -> None:
+    """The board counts both belts: 1000 steps each are X alone."""
+    router = machine()
+    place = {letter: router.axes[letter] for letter in "xyz"}
+    known = router.model_copy(
+        update={
+            "kinematics": CoreXY(type="corexy"),
+            "joints": {"a": place["x"], "b": place["x"]},
+            "axes": place,
+        }
+    )
+    report, made = probed(
+        tmp_path, "G21 G90\nG38.2 X20 F300\nG1 X#5061 Y#5062 F600\nM2\n", 1000, known=known
+    )
+    assert report.ok, report.faults
+    assert 1000 <= made[:, 0].sum(dtype=np.int64) <= 1002
+    assert made[:, 0].sum(dtype=np.int64) == made[:, 1].sum(dtype=np.int64)

@@ -1,0 +1,194 @@
+"""Machines with errors: where the tool is, after the compensation of what their file states."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cnc.api import Callbacks, Control, Outputs, RunOptions, check, home
+from cnc.boards.loopback import Loopback, SwitchedLoopback
+from cnc.machine.compensation import ErrorPoint, Squareness
+from cnc.machine.models import Axis, Homing, Machine, PathLimits
+from cnc.operate.machines import PulseMachine
+from cnc.session.run_pulses import Progress
+from tests.support.boards.klipper_rig import played, steps_of, with_board
+from tests.support.faulty_machine import FaultyMachine
+from tests.support.planner.legality import examine
+from tests.support.planner.random_jobs import Job
+from tests.support.session.runs import run_with
+from tests.support.soak import share
+
+Floats = NDArray[np.float64]
+SCALE = 200.0
+STEP = 1.0 / SCALE
+TOLERANCE = 0.002
+FEEDS = (600, 3000, 6000)
+CIRCLE = f"""G21 G90 G17 G64 P{TOLERANCE}
+G0 X30 Y-10 Z-5
+G1 X25 Y0 F%d
+G3 X25 Y0 I-25 J0
+G1 X40 Y20
+M2
+"""
+LIMITS = {"max_acceleration": 900.0, "max_jerk": 20_000.0}
+
+
+def wave(size: float, length: float):
+    """Return an error of a screw that returns after ``length``, mm."""
+    return lambda place: size * np.sin(2.0 * np.pi * place / length + 0.4)
+
+
+PITCH = {"x": wave(0.03, 70.0), "y": wave(-0.02, 95.0)}
+LEAN = {"xy": 0.2, "xz": -0.1, "yz": 0.15}
+FAULTY = FaultyMachine(**LEAN, screws=PITCH)
+
+
+def table(letter: str) -> tuple[ErrorPoint, ...]:
+    """Return the errors of a screw, measured every 5 mm."""
+    errors = PITCH[letter]
+    return tuple(
+        ErrorPoint(float(place), float(errors(place)), float(errors(place)))
+        for place in range(-100, 101, 5)
+    )
+
+
+def machine(*, compensated: bool = True, **changes: object) -> Machine:
+    """Return a mill, of which the file states the errors of FAULTY."""
+    axes = {
+        letter: Axis(
+            steps_per_mm=SCALE,
+            max_velocity=120.0,
+            travel=(-90.0, 90.0),
+            error_table=table(letter) if compensated and letter in PITCH else None,
+            **LIMITS,
+        )
+        for letter in "xyz"
+    }
+    square = Squareness(**{pair: f"{angle} deg" for pair, angle in LEAN.items()})
+    return Machine(axes=axes, path=PathLimits(max_feed=120.0)).model_copy(  # type: ignore[arg-type]
+        update={"squareness": square if compensated else None, **changes}
+    )
+
+
+def off_circle(tool: Floats) -> float:
+    """Return the largest distance from the programmed circle, mm."""
+    return float(np.abs(np.hypot(tool[:, 0], tool[:, 1]) - 25.0).max())
+
+
+def tool_on_line(pulses: Path, line: int) -> Floats:
+    """Return the places of the tool of the faulty machine after each step of a line."""
+    moved = np.load(pulses)
+    motors = (moved["origin_steps"] + np.cumsum(moved["step"], axis=0)) / SCALE
+    return FAULTY.tool(motors)[moved["line"] == line]
+
+
+@pytest.mark.parametrize("feed", FEEDS)
+def test_a_circle_is_one_after_compensation(feed: int, tmp_path: Path) -> None:
+    program, pulses = tmp_path / "circle.ngc", tmp_path / "pulses.npz"
+    program.write_text(CIRCLE % feed)
+    outputs = Outputs(pulses=str(pulses))
+    assert check(program, machine(compensated=False), RunOptions(outputs=outputs)).ok
+    assert off_circle(tool_on_line(pulses, 4)) > 10.0 * STEP
+    board = Loopback(3)
+    report = run_with(program, machine(), board=board, outputs=outputs)
+    assert report.ok, report.faults
+    assert not any(report.violations.values())
+    assert off_circle(tool_on_line(pulses, 4)) <= STEP + TOLERANCE
+
+
+def test_a_circle_on_a_klipper_board_is_one(tmp_path: Path) -> None:
+    """The edges of the motors' pins lead the tool."""
+    program = tmp_path / "circle.ngc"
+    program.write_text(CIRCLE % FEEDS[0])
+    known = with_board(machine())
+    report, simulator = played(program, tmp_path, known)
+    assert report.ok, report.faults
+    moves = [(*steps_of(known.of_joints, simulator, letter), k) for k, letter in enumerate("xyz")]
+    clock = np.concatenate([clock for clock, _, _ in moves])
+    step = np.concatenate([sign[:, None] * np.eye(3, dtype=int)[k] for _, sign, k in moves])
+    origin = np.load(tmp_path / "pulses.npz")["origin_steps"]
+    motors = origin + np.cumsum(step[np.argsort(clock, kind="stable")], axis=0)
+    tool = FAULTY.tool(motors / SCALE)
+    radius = np.hypot(tool[:, 0], tool[:, 1])
+    angle = np.unwrap(np.arctan2(tool[:, 1], tool[:, 0]))
+    # The circle is the one turn behind X25 Y0.
+    begin = int(np.flatnonzero((radius < 25.0 + STEP) & (tool[:, 2] < -4.9))[0])
+    turn = (angle > angle[begin] + 0.05) & (angle < angle[begin] + 2.0 * np.pi - 0.05)
+    turn[:begin] = False
+    assert turn.sum() > 10_000
+    assert np.abs(radius[turn] - 25.0).max() <= STEP + TOLERANCE
+
+
+@pytest.mark.parametrize("seed", range(share(20, 2)))
+def test_random_programs_keep_the_limits_of_the_motors(seed: int, tmp_path: Path) -> None:
+    fresh = share(int(np.random.default_rng().integers(2**32)), 1)
+    dice = np.random.default_rng([fresh, seed])
+    text = "G21 G90 G17\nG0 X1 Y2 Z-1\n" + Job(dice, 8.0).write()
+    found = examine(text, machine(), tmp_path)
+    assert found.moved
+    assert not found.wrong, (fresh, seed, found.wrong)
+
+
+def test_positions_are_true_places(tmp_path: Path) -> None:
+    """The board counts the motors; the report and the console show the tool."""
+    program = tmp_path / "part.ngc"
+    program.write_text("G21 G90\nG1 X60 Y-45 Z-20 F4000\nG1 X61 F10\nM2\n")
+    board, control = Loopback(3), Control()
+
+    def on_sent(sent: Progress) -> None:
+        if sent.line == 3:
+            control.stop()
+
+    report = run_with(
+        program, machine(), board=board, control=control, callbacks=Callbacks(on_sent=on_sent)
+    )
+    place = FAULTY.tool(board.position_steps[None] / SCALE)[0]
+    assert report.end_position is not None
+    stopped = [report.end_position[letter] for letter in "xyz"]
+    assert np.abs(place - stopped).max() < 1e-3, "the table lies within 1 um of the wave"
+    assert np.abs(place - [60.0, -45.0, -20.0]).max() < 0.5
+    operated = PulseMachine(board, machine())
+    shown = operated.readings().position
+    assert [shown[letter] for letter in "xyz"] == pytest.approx(stopped, abs=1e-9)
+
+
+HIGH = Homing(end="high", seek=40.0, latch=10.0, pull_off=1.0)
+LOW = HIGH.model_copy(update={"end": "low"})
+
+
+def with_switches() -> Machine:
+    """Return the machine with switches at the low end of X, and the high ends of Y and Z."""
+    known = machine()
+    homing = {"x": LOW, "y": HIGH, "z": HIGH}
+    axes = {k: axis.model_copy(update={"homing": homing[k]}) for k, axis in known.axes.items()}
+    return known.model_copy(update={"axes": axes})
+
+
+def test_the_tool_is_at_home_after_homing(tmp_path: Path) -> None:
+    known = with_switches()
+    board = SwitchedLoopback(known)
+    found = home(known, (), board=board)
+    assert [found[letter] for letter in "xyz"] == pytest.approx([-90.0, 90.0, 90.0], abs=STEP)
+    tool = FAULTY.tool(board.position_steps[None] / SCALE)[0]
+    assert tool == pytest.approx([-90.0, 90.0, 90.0], abs=STEP + 1e-3)
+    assert abs(board.position_steps[0] / SCALE + 90.0) > 0.1, "X makes up for the lean of Y"
+    program = tmp_path / "part.ngc"
+    program.write_text("G21 G90\nG0 X0 Y0 Z0\nG0 X-90 Y90 Z90\nM2\n")
+    report = run_with(program, known, board=board)
+    assert report.ok, report.faults
+    tool = FAULTY.tool(board.position_steps[None] / SCALE)[0]
+    assert tool == pytest.approx([-90.0, 90.0, 90.0], abs=STEP + 1e-3)
+
+
+def test_the_travel_is_one_of_true_places(tmp_path: Path) -> None:
+    """At Y90 the motor of X is 0.3 mm ahead of the tool, beyond its own travel."""
+    program = tmp_path / "part.ngc"
+    program.write_text("G21 G90\nG0 X89.99 Y89.99\nM2\n")
+    assert check(program, machine()).ok
+    program.write_text("G21 G90\nG0 X90.02 Y0\nM2\n")
+    (fault,) = check(program, machine()).faults
+    assert fault.diagnostic.code == "soft-limit"
+    assert "X" in fault.diagnostic.message
