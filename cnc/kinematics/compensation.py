@@ -69,17 +69,31 @@ class Cells(NamedTuple):
 class Screw:
     """The correction of an axis: place of the motor less that of the axis.
 
+    It is the same for both sides of the nut, plus or minus half the play.
+
     Args:
-        places: Places of the axis (n,), ascending, mm; at least two.
-        corrections: Corrections there (n,), mm.
+        places: Places of the axis (n,), ascending, mm; two at least, or none.
+        corrections: Mean corrections of both sides there (n,), mm.
+        plays: Plays of the nut there (n,), mm; one number where there are no places.
 
     Attributes:
         knots: The places.
+        play: Largest play, mm.
     """
 
-    def __init__(self, places: Sequence[float], corrections: Sequence[float]) -> None:
+    def __init__(
+        self, places: Sequence[float], corrections: Sequence[float], plays: Sequence[float]
+    ) -> None:
         self.knots: Floats = np.array(places, np.float64)
+        self.play = max(plays)
+        halves = 0.5 * np.array(plays, np.float64)
+        if not len(self.knots):
+            self._cubics = np.zeros((1, 4))
+            self._halves = np.array([[halves[0], 0.0, 0.0, 0.0]])
+            self._origins = np.zeros(1)
+            return
         self._cubics = _natural_spline(self.knots, np.array(corrections, np.float64))
+        self._halves = _natural_spline(self.knots, halves)
         # Each cell begins at the knot before it; the first one at its own end.
         self._origins = np.concatenate((self.knots[:1], self.knots))
 
@@ -87,10 +101,15 @@ class Screw:
         """Return the cell of each place; cell 0 is in front of the first knot."""
         return np.searchsorted(self.knots, places, "right").astype(np.int64)
 
-    def correction(self, places: Floats) -> Floats:
-        """Return the corrections at places of the axis, mm."""
+    def correction(self, places: Floats, side: Floats | float = 0.0) -> Floats:
+        """Return the corrections at places of the axis, mm.
+
+        Args:
+            places: Places (n,), mm.
+            side: Side of the nut, -1 to 1 (n,); 0 for the mean of both.
+        """
         cells = self.cells(places)
-        a, b, c, d = self._cubics[cells].T
+        a, b, c, d = self._cubics[cells].T + side * self._halves[cells].T
         h = places - self._origins[cells]
         values: Floats = a + h * (b + h * (c + h * d))
         return values
@@ -107,16 +126,21 @@ class Screw:
         low = np.concatenate(([-np.inf], self.knots))[number] - SLACK
         return low, np.concatenate((self.knots, [np.inf]))[number] + SLACK
 
-    def motor(self, place: Series, cells: Cells) -> Series:
+    def motor(self, place: Series, cells: Cells, side: Series | Floats | float) -> Series:
         """Return the series of the motor from that of the axis.
 
         Args:
             place: The axis on parts of a path (m,).
             cells: The cell of each part. A part that leaves its cell has no bounds.
+            side: The side of the nut, -1 to 1.
         """
         a, b, c, d = self._cubics[cells.number].T
         h = place - self._origins[cells.number]
         motor: Series = place + (h * (h * (h * d + c) + b) + a)
+        if self.play:
+            a, b, c, d = self._halves[cells.number].T
+            even = not (b.any() or c.any() or d.any())
+            motor = motor + (side * a if even else (h * (h * (h * d + c) + b) + a) * side)
         first = place.terms[0]
         if not isinstance(first, Interval):
             return motor
@@ -128,12 +152,12 @@ class Screw:
         beyond = np.where(leaves & (turns | ~cells.ends_inside), np.inf, 0.0)
         return Series([*motor.terms[:-1], Interval(-beyond, beyond) + motor.terms[-1]])
 
-    def place(self, motors: Floats) -> Floats:
+    def place(self, motors: Floats, side: Floats | float) -> Floats:
         """Return the places of the axis at places of its motor, mm."""
-        places = motors - self.correction(motors)
+        places = motors - self.correction(motors, side)
         # The slope of the correction is at most STEEPEST: each pass halves the error at least.
         for _ in range(64):
-            before, places = places, motors - self.correction(places)
+            before, places = places, motors - self.correction(places, side)
             if not np.any(np.abs(places - before) > CLOSE):
                 break
         return places
@@ -152,40 +176,63 @@ class Screw:
 class Compensation:
     """Places of the motors at which the tip is where it shall be.
 
+    The side of a nut is 1 where its motor pushes it up, -1 where it pushes it down.
+
     Args:
         leaning: Unit vectors along the axes as columns (axes, axes), in true directions.
         screws: Corrections by the column of their axis.
+
+    Attributes:
+        screws: The same.
+        square: Matrix (axes, axes) from a tip to the places along the axes.
+        is_linear: Whether the motors are a linear function of the tip.
+        is_even: Whether corrections do not depend on the place.
     """
 
     def __init__(self, leaning: Floats, screws: Mapping[int, Screw]) -> None:
         self.screws = dict(screws)
-        self._leaning, self._square = leaning, np.linalg.inv(leaning)
+        self.square = np.linalg.inv(leaning)
+        self._leaning = leaning
+        self.is_linear = not any(len(s.knots) or s.play for s in self.screws.values())
+        self.is_even = not any(len(screw.knots) for screw in self.screws.values())
 
     def cells(self, start: Floats, middle: Floats, end: Floats) -> dict[int, Cells]:
         """Return the cells of parts of a path from three tips (m, axes) of each, by column."""
-        three = [tips @ self._square.T for tips in (start, middle, end)]
+        three = [tips @ self.square.T for tips in (start, middle, end)]
         return {
             axis: screw.parts_in_cells(*(places[:, axis] for places in three))
             for axis, screw in self.screws.items()
         }
 
-    def motors(self, tip: Sequence[Series], cells: Mapping[int, Cells]) -> list[Series]:
+    def motors(
+        self,
+        tip: Sequence[Series],
+        cells: Mapping[int, Cells],
+        sides: Mapping[int, Series | Floats | float],
+    ) -> list[Series]:
         """Return the series of the motors from those of the tip on parts of a path in cells."""
-        motors = [_weighted(row, tip) for row in self._square.tolist()]
+        motors = [_weighted(row, tip) for row in self.square.tolist()]
         for axis, screw in self.screws.items():
-            motors[axis] = screw.motor(motors[axis], cells[axis])
+            motors[axis] = screw.motor(motors[axis], cells[axis], sides.get(axis, 1.0))
         return motors
 
-    def motors_at(self, tips: Floats) -> Floats:
-        """Return the motors (m, axes) at tips (m, axes), mm."""
-        motors = self.motors([Series([column]) for column in tips.T], self.cells(tips, tips, tips))
+    def motors_at(
+        self, tips: Floats, sides: Mapping[int, Series | Floats | float] | None = None
+    ) -> Floats:
+        """Return the motors (m, axes) at tips (m, axes), mm; without sides, pushed up."""
+        cells = self.cells(tips, tips, tips)
+        motors = self.motors([Series([column]) for column in tips.T], cells, sides or {})
         return np.stack([np.asarray(motor.terms[0]) for motor in motors], axis=-1)
 
-    def tips_at(self, motors: Floats) -> Floats:
-        """Return the tips (m, axes) at motors (m, axes), mm."""
+    def tips_at(
+        self, motors: Floats, sides: Mapping[int, Series | Floats | float] | None = None
+    ) -> Floats:
+        """Return the tips (m, axes) at motors (m, axes), mm; without sides, pushed up."""
         places = motors.copy()
         for axis, screw in self.screws.items():
-            places[:, axis] = screw.place(motors[:, axis])
+            side = (sides or {}).get(axis, 1.0)
+            side = side.terms[0] if isinstance(side, Series) else side
+            places[:, axis] = screw.place(motors[:, axis], side)
         tips: Floats = places @ self._leaning.T
         return tips
 
@@ -201,13 +248,13 @@ class Compensation:
             Places are not numbers where there is no knot between start and end.
         """
         weights, places = np.zeros_like(start), np.full(len(start), np.nan)
-        first, last = start @ self._square.T, end @ self._square.T
+        first, last = start @ self.square.T, end @ self.square.T
         for axis, screw in self.screws.items():
             low = np.minimum(first[:, axis], last[:, axis]) + SLACK
             high = np.maximum(first[:, axis], last[:, axis]) - SLACK
             knot, beyond = screw.cells(low), screw.cells(high)
             crossed = np.flatnonzero((beyond > knot) & np.isnan(places))
-            weights[crossed] = self._square[axis]
+            weights[crossed] = self.square[axis]
             places[crossed] = screw.knots[(knot + beyond)[crossed] // 2]
         return weights, places
 

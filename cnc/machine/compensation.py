@@ -188,18 +188,28 @@ ErrorTable = Annotated[
 """A file, or its rows."""
 
 
-def screw(table: Path | ErrorPoints) -> Screw:
-    """Return the correction of an error table.
+def screw(table: Path | ErrorPoints | None, backlash: float | None) -> Screw:
+    """Return the correction of an axis with an error table, backlash, or both.
 
     Raises:
-        TableError: The table is not that of a screw.
+        TableError: The table is not that of a screw, or contradicts the backlash.
     """
+    if table is None:
+        return Screw((), (), (backlash or 0.0,))
     points = read_error_table(table) if isinstance(table, Path) else table
     for fault in table_faults(points):
         raise TableError(fault)
     places = [at + 0.5 * (up + down) for at, up, down in points]
     corrections = [at - place for (at, _, _), place in zip(points, places, strict=True)]
-    result = Screw(places, corrections)
+    plays = [down - up for _, up, down in points]
+    if backlash is not None:
+        if max(plays) > 0.0:
+            raise TableError("the errors from below and from above have the backlash in them")
+        plays = [backlash] * len(points)
+    least = min(after.place - before.place for before, after in pairwise(points))
+    if max(plays) > least:
+        raise TableError(f"the backlash, {max(plays):g}, is larger than a step of the table")
+    result = Screw(places, corrections, plays)
     slope, cell = result.steepest()
     if slope > STEEPEST:
         near = points[min(max(cell, 1), len(points)) - 1].place
@@ -224,11 +234,6 @@ def table_faults(points: ErrorPoints) -> Iterator[str]:
                     f"which no screw does"
                 )
     for row in points:
-        if row.reverse > row.forward:
-            yield (
-                f"at {row.place:g} the errors from above ({row.reverse:g}) and from below "
-                f"({row.forward:g}) differ: backlash is not compensated"
-            )
         if row.reverse < row.forward:
             yield (
                 f"at {row.place:g} the axis stands lower when it comes from above "

@@ -229,11 +229,14 @@ def _compensation(machine: Machine) -> Iterator[Inconsistency]:
             message = f"the machine has no axis {missing[0]}"
             yield Inconsistency(("machine", "squareness", pair), message, "remove it")
     for letter, axis in machine.axes.items():
+        if axis.backlash is not None and axis.wrap is not None:
+            key = ("axes", letter, "backlash")
+            yield Inconsistency(key, "the axis repeats after a turn", "remove backlash or wrap")
         if axis.error_table is None:
             continue
         key = ("axes", letter, "error_table")
         try:
-            knots = screw(axis.error_table).knots
+            knots = screw(axis.error_table, axis.backlash).knots
         except TableError as error:
             yield Inconsistency(key, str(error), "correct the table")
             continue

@@ -363,6 +363,13 @@ class Axis(Section):
             "Each has a limit switch of its own, by which homing squares the gantry."
         ),
     )
+    backlash: Positive | None = Field(
+        default=None,
+        description=(
+            "Play of the nut: way of the motor at a reversal until the axis moves, mm. The motor "
+            "takes it up."
+        ),
+    )
     error_table: ErrorTable | None = Field(
         default=None,
         description=(
@@ -552,7 +559,7 @@ class Machine(Section):
     def is_compensated(self) -> bool:
         """Whether the motors go to other places than the axes, because errors are compensated."""
         return self.squareness is not None or any(
-            axis.error_table is not None for axis in self.axes.values()
+            axis.error_table is not None or axis.backlash is not None for axis in self.axes.values()
         )
 
     @property
@@ -569,8 +576,11 @@ class Machine(Section):
             own = [names.index(letter) for letter in "xyz" if letter in names]
             three = ["xyz".index(names[column]) for column in own]
             leaning[np.ix_(own, own)] = among_three[np.ix_(three, three)]
-        tables = [axis.error_table for axis in self.axes.values()]
-        screws = {axis: screw(table) for axis, table in enumerate(tables) if table is not None}
+        screws = {
+            column: screw(axis.error_table, axis.backlash)
+            for column, axis in enumerate(self.axes.values())
+            if axis.error_table is not None or axis.backlash is not None
+        }
         return Compensation(leaning, screws)
 
     @property
@@ -591,13 +601,24 @@ class Machine(Section):
         return self.model_copy(update=update)
 
     @property
+    def plays_at_home(self) -> dict[str, float]:
+        """Play of the nut of each axis with backlash, where it is after homing, mm."""
+        if not self.is_compensated:
+            return {}
+        home = np.array([[axis.home(letter) for letter, axis in self.axes.items()]])
+        compensation = self.compensation
+        down = compensation.motors_at(home, dict.fromkeys(compensation.screws, -1.0))
+        plays = (compensation.motors_at(home) - down)[0].tolist()
+        return {letter: play for letter, play in zip(self.axes, plays, strict=True) if play}
+
+    @property
     def _motors(self) -> dict[AxisLetter, Axis]:
         """The motors behind the compensation: where they are at home, the tip is."""
         home = [axis.home(letter) for letter, axis in self.axes.items()]
         motors = self.compensation.motors_at(np.array([home]))[0].tolist()
         tables: dict[AxisLetter, Axis] = {}
         for (letter, axis), place in zip(self.axes.items(), motors, strict=True):
-            changes: dict[str, Any] = {"error_table": None}
+            changes: dict[str, Any] = {"error_table": None, "backlash": None}
             if axis.travel is not None:
                 shift = place - axis.home(letter)
                 changes["travel"] = (axis.travel[0] + shift, axis.travel[1] + shift)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
 
 import numpy as np
@@ -33,6 +33,7 @@ class JointMap:
         columns: names of the joints' columns in a path.
         turning: (joints,): whether a joint comes to the same place after 360 degrees.
         linear: whether the joints are a linear function of the tip.
+        straight: whether they are one along a straight move on which no nut changes its side.
         angular: whether the unit of each joint is the degree.
     """
 
@@ -49,7 +50,7 @@ class JointMap:
         self._rest = tuple(k for k in range(len(names)) if k not in self._own)
         self.names = tuple(names)
         self.columns = tuple(f"joint {name}" for name in names)
-        self.linear = kinematics.linear
+        self.linear = self.straight = kinematics.linear
         self._table: FiveAxis | None = None
         self._letters: tuple[str, ...] = ()
         self.turning = np.zeros(len(names), np.bool_)
@@ -93,6 +94,10 @@ class JointMap:
 
         A part that leaves the range of a formula has no bounds; see :meth:`border`.
         """
+        return self
+
+    def with_sides(self, sides: Mapping[int, Series | Floats]) -> JointMap:
+        """Return the joints where nuts have these sides, by the column of their axis."""
         return self
 
     def border(self, start: Floats, end: Floats) -> tuple[Floats, Floats]:
@@ -173,27 +178,34 @@ class CompensatedAxes(JointMap):
         self.columns = tuple(f"joint {name}" for name in self.names)
         self.turning = np.zeros(len(self.names), np.bool_)
         self.angular = tuple(name in ROTARY_LETTERS for name in self.names)
-        self.linear = not compensation.screws
-        self._compensation = compensation
+        self.linear, self.straight = compensation.is_linear, compensation.is_even
+        self.compensation = compensation
         self._cells: dict[int, Cells] = {}
+        self._sides: Mapping[int, Series | Floats] = {}
+
+    def with_sides(self, sides: Mapping[int, Series | Floats]) -> CompensatedAxes:
+        """Return the motors where nuts have these sides, by the column of their axis."""
+        other = copy(self)
+        other._sides = sides
+        return other
 
     def bound_to(self, start: Floats, middle: Floats, end: Floats) -> JointMap:
         """Return the motors on parts of a path with these tips (m, axes)."""
         bound = copy(self)
-        bound._cells = self._compensation.cells(start, middle, end)
+        bound._cells = self.compensation.cells(start, middle, end)
         return bound
 
     def border(self, start: Floats, end: Floats) -> tuple[Floats, Floats]:
         """Return the knots of error tables that parts of a path cross."""
-        return self._compensation.border(start, end)
+        return self.compensation.border(start, end)
 
     def series(self, tip: Sequence[Series]) -> list[Series]:
         """Return the series of all motors from those of all axes, on the parts of the binding."""
-        return self._compensation.motors(tip, self._cells)
+        return self.compensation.motors(tip, self._cells, self._sides)
 
     def inverse(self, tip: Floats) -> Floats:
         """Return the motors (m, axes) of tips (m, axes)."""
-        return self._compensation.motors_at(tip)
+        return self.compensation.motors_at(tip, self._sides)
 
     def leaving(self, start: Floats, end: Floats) -> tuple[NDArray[np.bool_], Floats]:
         """Return that no pose is singular."""
@@ -201,4 +213,4 @@ class CompensatedAxes(JointMap):
 
     def forward(self, joints: Floats) -> Floats:
         """Return the tips (m, axes) of motors (m, axes)."""
-        return self._compensation.tips_at(joints)
+        return self.compensation.tips_at(joints, self._sides)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 
@@ -28,6 +28,8 @@ from cnc.planner.kernels.joint_records import (
     write_joint_records,
 )
 from cnc.planner.limits import Limits
+from cnc.planner.roots import roots
+from cnc.planner.take_up import Play, Sides, TakeUp, part_lengths, plays_of
 from cnc.planner.tip_series import Parts, joined, tip_series
 
 Ints = NDArray[np.int64]
@@ -65,8 +67,10 @@ class Joints:
         self.machine = machine.of_joints
         self.tip_axes = machine.axis_names
         self._map: JointMap | None = None
+        self._plays: dict[int, Play] = {}
         if machine.tip_columns:
             self._map = JointMap.of(machine)
+            self._plays = plays_of(machine)
             self._limits = Limits.of_tip(machine)
         self.tip_columns = machine.tip_columns
         self.linear = self._map is None or self._map.linear
@@ -130,6 +134,55 @@ class Joints:
         """Return the tips (n, axes) at positions of the joints (n, joints); mm, degrees."""
         return joints if self._map is None else self._map.forward(joints)
 
+    @property
+    def has_play(self) -> bool:
+        """Whether an axis has backlash. At rest between programs, motors push all nuts up."""
+        return bool(self._plays)
+
+    def sides_at(self, columns: Floats) -> dict[int, float]:
+        """Return the sides of the nuts, by column, at a place of a path (columns,)."""
+        tip, joints = columns[: self.tip_columns], columns[self.tip_columns :]
+        up, down = (
+            self._with_sides(dict.fromkeys(self._plays, side)).inverse(tip[None])[0]
+            for side in (1.0, -1.0)
+        )
+        return {
+            k: float(np.clip((2.0 * joints[k] - up[k] - down[k]) / (up[k] - down[k]), -1.0, 1.0))
+            for k in self._plays
+        }
+
+    def tip_on(self, joints: Floats, sides: Mapping[int, float]) -> Floats:
+        """Return the tip (axes,) at joints (joints,) whose nuts have sides; mm, degrees."""
+        tip: Floats = self._with_sides(sides).forward(joints[None])[0]
+        return tip
+
+    def _with_sides(self, sides: Mapping[int, float]) -> JointMap:
+        assert self._map is not None
+        return self._map.with_sides({k: np.array([side]) for k, side in sides.items()})
+
+    def tips_from(self, start: Floats) -> Callable[[Floats], Floats]:
+        """Return a function that gives the tip at joints which the board reports one by one.
+
+        It follows the nuts from report to report. A nut that turned twice between two reports is
+        off by its backlash at most, until it has moved so far.
+
+        Args:
+            start: The joints before the first report (joints,), whose nuts are pushed up.
+        """
+        if not self._plays:
+            return self.tip
+        nuts, before = dict.fromkeys(self._plays, 1.0), start
+
+        def tip(joints: Floats) -> Floats:
+            nonlocal before
+            for k, play in self._plays.items():
+                moved = 2.0 * float(joints[k] - before[k]) / play.largest
+                nuts[k] = min(max(nuts[k] + moved, -1.0), 1.0)
+            before = joints
+            return self.tip_on(joints, nuts)
+
+        return tip
+
     def with_tool(self, offset: tuple[float, float, float] | None) -> Joints:
         """Return the joints under tool-tip control, or without it for None.
 
@@ -161,7 +214,8 @@ class Joints:
             return stream
 
         joints = self.at(start)
-        return JointPath(self._map, start, joints, self._limits, leaves=certain).passed(stream)
+        path = JointPath(self._map, start, joints, self._limits, self._plays, leaves=certain)
+        return path.passed(stream)
 
 
 class ToolTipOf:
@@ -243,10 +297,6 @@ LENGTH_ACCURACY = 1e-12
 """Largest error of the inverse arc length, mm."""
 SHORTEST = 2.0**-20
 """Share of a piece below which a part is not cut again: the kinematics is singular there."""
-BORDER_ACCURACY = 1e-9
-"""Distance from a border of formulas at which a part may end, mm or degrees."""
-ROOT_PASSES = 60
-"""Passes in which such a place is sought."""
 MOST_PARTS = 8
 """Parts into which a part is cut at once."""
 SEARCHED = 257
@@ -254,6 +304,12 @@ SEARCHED = 257
 TURN = 360.0
 SAME_ANGLE = 1e-6
 """Angles that differ by less are the same, degrees."""
+
+
+AllSides = Mapping[int, Sides]
+"""Sides of the nuts, by the column of their axis."""
+NO_SIDES: AllSides = {}
+BEGIN, END = Sides._fields.index("begin"), Sides._fields.index("end")
 
 
 class JointPath:
@@ -264,16 +320,25 @@ class JointPath:
         tip: (axes,): the tip before the path, mm or degrees.
         start: (joints,): the joints before the path, mm or degrees.
         limits: of the tip, for the choice of blends at its corners.
+        plays: plays of nuts by the column of their axis.
         leaves: whether the joints are certain where the path begins in a singular pose.
     """
 
     def __init__(
-        self, joints: JointMap, tip: Floats, start: Floats, limits: Limits, *, leaves: bool
+        self,
+        joints: JointMap,
+        tip: Floats,
+        start: Floats,
+        limits: Limits,
+        plays: Mapping[int, Play],
+        *,
+        leaves: bool,
     ) -> None:
         self._joints = joints
         self._tip: Floats | None = tip
         self._now = start
         self._leaves = leaves
+        self._take_up = TakeUp(plays) if plays else None
         # A blend of the tip becomes a smooth path of joints. Where these are linear, blends are
         # made of their straight moves, which ramps may replace.
         self._blending = CornerBlending(limits, ramps=False, where=lambda: not self._joints.linear)
@@ -299,13 +364,18 @@ class JointPath:
         """Give the answer of a probe the tip, from the joints that the board has counted."""
         assert answer.values is not None
         contact, *joints = answer.values
-        tip = self._joints.forward(np.array([joints]))[0]
+        there = self._joints
+        if self._take_up is not None:
+            there = there.with_sides({k: np.array([s]) for k, s in self._take_up.sides.items()})
+        tip = there.forward(np.array([joints]))[0]
         answer.values, answer.of_joints = (contact, *tip.tolist()), False
 
     def _with_joints(self, path: PathChunk) -> PathChunk:
         leaving, joints = self._leaving(path)
-        parts = self._parts(path, leaving)
-        pieces = self._pieces(path, parts, leaving, joints)
+        parts, sides = self._parts(path, leaving), NO_SIDES
+        if self._take_up is not None:
+            parts, sides = self._with_take_up(path, parts, self._take_up)
+        pieces = self._pieces(path, parts, leaving, joints, sides)
         self._tip = None
         data, at, length = _records(pieces)
         piece = parts.piece
@@ -357,7 +427,7 @@ class JointPath:
         shortest = SHORTEST * (u1 - u0)
         open_parts = Parts(np.arange(len(path)), u0.copy(), u1.copy())
         done: list[Parts] = []
-        whole = (path.kind == LINE) & self._joints.linear | leaving
+        whole = (path.kind == LINE) & self._joints.straight | leaving
         done.append(open_parts.of(whole))
         open_parts = open_parts.of(~whole)
         while len(open_parts.piece):
@@ -376,16 +446,40 @@ class JointPath:
             border = self._borders(path, rest)
             crosses = ~np.isnan(border)
             halves, rest, error = rest.of(crosses), rest.of(~crosses), error[~crosses]
-            with np.errstate(over="ignore", invalid="ignore"):
-                wanted = np.ceil(1.1 * (error / ACCURACY) ** 0.125)
-            wanted = np.where(np.isfinite(wanted), np.clip(wanted, 2, MOST_PARTS), 2)
             open_parts = joined(
-                _cut(rest, wanted.astype(np.int64)),
+                _cut(rest, _wanted(error)),
                 halves._replace(last=border[crosses]),
                 halves._replace(first=border[crosses]),
             )
-        parts = joined(*done)
-        return parts.of(np.lexsort((parts.first, parts.piece)))
+        return joined(*done).in_order
+
+    def _with_take_up(
+        self, path: PathChunk, parts: Parts, take_up: TakeUp
+    ) -> tuple[Parts, AllSides]:
+        """Return the parts with the sides of the nuts, cut until the polynomials are exact."""
+        u0, u1 = path.data[path.at + U0], path.data[path.at + U1]
+        shortest = SHORTEST * SHORTEST * (u1 - u0)
+        parts, courses = take_up.courses(path, parts)
+        while True:
+            windows = [course.window for course in courses.values()]
+            inside = np.flatnonzero((np.array(windows) >= 0).any(axis=0))
+            lengths = np.zeros(len(parts.piece))
+            lengths[inside] = part_lengths(path, parts.of(inside))
+            sides = {axis: course.sides(lengths) for axis, course in courses.items()}
+            if not len(inside):
+                return parts, sides
+            some = parts.of(inside)
+            error = self._remainder(path, some, {k: s.of(inside) for k, s in sides.items()})
+            far = error > ACCURACY
+            if not far.any():
+                return parts, sides
+            narrow = far & (some.last - some.first < shortest[some.piece])
+            if narrow.any():
+                self._refuse(path, some.of(narrow))
+            counts = np.ones(len(parts.piece), np.int64)
+            counts[inside[far]] = _wanted(error[far])
+            parts = _cut(parts, counts)
+            courses = {axis: course.repeated(counts) for axis, course in courses.items()}
 
     def _borders(self, path: PathChunk, parts: Parts) -> Floats:
         """Return the parameters (m,) at which parts cross a border of their formulas, or NaN."""
@@ -404,10 +498,11 @@ class JointPath:
         borders[crossing] = roots(beyond, some.first, some.last)
         return borders
 
-    def _remainder(self, path: PathChunk, parts: Parts) -> Floats:
+    def _remainder(self, path: PathChunk, parts: Parts, sides: AllSides = NO_SIDES) -> Floats:
         """Return a bound on the distance of the polynomials from the motion (m,), mm or degrees."""
         tip = tip_series(path, parts, ORDER, bounds=True)
-        joints = self._bound_to(path, parts).series(tip)
+        shares = {axis: Interval(side.begin, side.end) for axis, side in sides.items()}
+        joints = _sided(self._bound_to(path, parts), tip, sides, shares).series(tip)
         worst = np.zeros(len(parts.piece))
         for series in (*tip, *joints):
             worst = np.maximum(worst, _size(series.terms[ORDER]))
@@ -455,7 +550,12 @@ class JointPath:
         return np.stack([np.asarray(axis.terms[0]) for axis in series], axis=-1)
 
     def _pieces(
-        self, path: PathChunk, parts: Parts, leaving: NDArray[np.bool_], joints: Floats
+        self,
+        path: PathChunk,
+        parts: Parts,
+        leaving: NDArray[np.bool_],
+        joints: Floats,
+        sides: AllSides,
     ) -> JointPieces:
         """Return the pieces of all parts.
 
@@ -464,15 +564,20 @@ class JointPath:
             parts: its parts.
             leaving: whether each piece leaves a singular pose (pieces,).
             joints: the joints at the start of these pieces (pieces, joints).
+            sides: the sides of the nuts on the parts, by the column of their axis.
         """
         at = path.at[parts.piece]
         straight = leaving[parts.piece]
-        if self._joints.linear:
+        if self._joints.straight:
             straight = path.kind[parts.piece] == LINE
+            for side in sides.values():
+                straight &= ~side.changes
         bound = self._bound_to(path, parts)
-        left = _columns(bound, tip_series(path, parts.starts, 3, bounds=False))
-        right = _columns(bound, tip_series(path, parts.ends, 3, bounds=False))
-        self._take_exact_ends(path, parts, left, right)
+        tips = [tip_series(path, ends, 3, bounds=False) for ends in (parts.starts, parts.ends)]
+        shares = [{axis: side[k] for axis, side in sides.items()} for k in (BEGIN, END)]
+        left = _columns(_sided(bound, tips[0], sides, shares[0]), tips[0])
+        right = _columns(_sided(bound, tips[1], sides, shares[1]), tips[1])
+        self._take_exact_ends(path, parts, left, right, sides)
         alone = np.flatnonzero(leaving[parts.piece])
         left[0][alone, len(path.axes) :] = joints[parts.piece[alone]]
         self._count_turns(left, right)
@@ -497,18 +602,21 @@ class JointPath:
         three = (parts.starts, parts.middles, parts.ends)
         return self._joints.bound_to(*(self._tips(path, places) for places in three))
 
-    def _take_exact_ends(self, path: PathChunk, parts: Parts, left: Floats, right: Floats) -> None:
+    def _take_exact_ends(
+        self, path: PathChunk, parts: Parts, left: Floats, right: Floats, sides: AllSides
+    ) -> None:
         """Replace the positions at the ends of pieces by those of the records."""
         axes = len(path.axes)
         at = path.at[parts.piece]
-        for places, u, ends, first in (
-            (left, parts.first, path.data[at + U0], START),
-            (right, parts.last, path.data[at + U1], START + axes),
+        for places, u, ends, first, share in (
+            (left, parts.first, path.data[at + U0], START, BEGIN),
+            (right, parts.last, path.data[at + U1], START + axes, END),
         ):
             exact = np.flatnonzero(u == ends)
             tip = path.data[at[exact][:, None] + np.arange(first, first + axes)]
             places[0][exact, :axes] = tip
-            places[0][exact, axes:] = self._joints.inverse(tip)
+            there = {axis: side.at(side[share])[exact] for axis, side in sides.items()}
+            places[0][exact, axes:] = self._joints.with_sides(there).inverse(tip)
 
     def _count_turns(self, left: Floats, right: Floats) -> None:
         """Add whole turns to the angles, so that each part goes on where the last one ended."""
@@ -524,42 +632,28 @@ class JointPath:
         self._now = right[0][-1, axes:].copy()
 
 
+def _wanted(error: Floats) -> Ints:
+    """Return into how many parts to cut parts with these errors (m,)."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        wanted = np.ceil(1.1 * (error / ACCURACY) ** 0.125)
+    return np.where(np.isfinite(wanted), np.clip(wanted, 2, MOST_PARTS), 2).astype(np.int64)
+
+
+def _sided(
+    joints: JointMap, tip: list[Series], sides: AllSides, shares: Mapping[int, Floats | Interval]
+) -> JointMap:
+    """Return the joints with the sides of the nuts at shares of their windows."""
+    series: dict[int, Series | Floats] = {
+        axis: side.series(tip, shares[axis]) if side.changes.any() else side.before
+        for axis, side in sides.items()
+    }
+    return joints.with_sides(series) if series else joints
+
+
 def _columns(joints: JointMap, tip: list[Series]) -> Floats:
     """Return the terms of tip and joints (4, m, columns)."""
     every = (*tip, *joints.series(tip))
     return np.stack([np.stack([np.asarray(t) for t in s.terms]) for s in every], axis=-1)
-
-
-def roots(function: Callable[[Floats], Floats], low: Floats, high: Floats) -> Floats:
-    """Return the places (m,) between two others at which values are 0.
-
-    The values at ``low`` and ``high`` have different signs. The method is that of Ridders (IEEE
-    Transactions on Circuits and Systems 26, 1979), which stays between the two places.
-
-    Args:
-        function: Values (m,) at places (m,).
-        low: Places (m,).
-        high: Other places (m,).
-    """
-    a, b = low.copy(), high.copy()
-    of_a, of_b = function(a), function(b)
-    best = a
-    for _ in range(ROOT_PASSES):
-        middle = 0.5 * (a + b)
-        of_middle = function(middle)
-        root = np.sqrt(np.maximum(of_middle**2 - of_a * of_b, np.finfo(float).tiny))
-        best = middle + (middle - a) * np.sign(of_a - of_b) * of_middle / root
-        best = np.clip(best, np.minimum(a, b), np.maximum(a, b))
-        of_best = function(best)
-        if np.abs(of_best).max(initial=0.0) < BORDER_ACCURACY:
-            break
-        # The root lies between the middle and the best place, or between one of these and an end.
-        for place, value in ((middle, of_middle), (best, of_best)):
-            same = np.sign(value) == np.sign(of_a)
-            inside = (place - a) * (place - b) <= 0.0
-            a, of_a = np.where(same & inside, place, a), np.where(same & inside, value, of_a)
-            b, of_b = np.where(~same & inside, place, b), np.where(~same & inside, value, of_b)
-    return best
 
 
 def _words(axes: Sequence[str], position: Floats) -> str:

@@ -42,6 +42,11 @@ class Parts(NamedTuple):
         return Parts(self.piece[which], self.first[which], self.last[which])
 
     @property
+    def in_order(self) -> Parts:
+        """The parts in the order of the path."""
+        return self.of(np.lexsort((self.first, self.piece)))
+
+    @property
     def middles(self) -> Parts:
         """The places in the middle of each part."""
         middle = 0.5 * (self.first + self.last)

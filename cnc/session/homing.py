@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Protocol
 
@@ -61,6 +61,7 @@ class AxisHoming:
         settings: Settings of the machine file.
         offsets: Coordinate of each motor's switch less that of the first motor's, mm.
         angular: Whether the unit is the degree.
+        play: Play of the nut at the place of rest, mm. At the end its motor pushes it up.
     """
 
     column: int
@@ -71,6 +72,7 @@ class AxisHoming:
     settings: Homing
     offsets: tuple[float, ...] = (0.0,)
     angular: bool = False
+    play: float = 0.0
 
     @property
     def description(self) -> str:
@@ -451,11 +453,16 @@ class _Homing:
         tip[cycle.column] = on_grid(self.machine, cycle, cycle.rest) + cycle.towards * on_grid(
             self.machine, cycle, settings.pull_off
         )
+        take_up = cycle.play if cycle.towards > 0 else 0.0
+        tip[cycle.column] -= on_grid(self.machine, cycle, take_up)
         self.steps = np.rint(self.joints.at(tip) * self.steps_per_mm).astype(np.int64)
         self.known[cycle.column] = len(closed) == 1
         self.off(cycle)
         if len(closed) > 1:
             align(self, cycle)
+        if take_up:
+            self.go(cycle, take_up, settings.seek)
+        if len(closed) > 1:
             self.known[cycle.column] = True
             self.run(cycle)  # The board takes over the position of all motors.
 
@@ -589,7 +596,7 @@ class _Homing:
 def _report_tip(
     on_progress: Callable[[Progress], None], joints: Joints, progress: Progress
 ) -> None:
-    on_progress(progress.of_tip(joints))
+    on_progress(progress.of_tip(joints.tip))
 
 
 def home(
@@ -631,10 +638,12 @@ def home(
     report = None
     if on_progress is not None:
         report = partial(_report_tip, on_progress, joints)
+    plays = machine.plays_at_home
     if joints.home_alone:
         machine, start = joints.machine, joints.at(start)
     homing = _Homing(board, machine, control or Control(), report, start, on_squared)
-    for cycle in homing_sequence(machine, homing.with_partners(axes, switches), switches):
+    for planned in homing_sequence(machine, homing.with_partners(axes, switches), switches):
+        cycle = replace(planned, play=plays.get(planned.letter, 0.0))
         if on_axis is not None:
             on_axis(cycle)
         homing.home(cycle)

@@ -24,7 +24,6 @@ from cnc.model.diagnostics import BoardError, CncError, Diagnostic
 from cnc.model.motion_commands import places_of
 from cnc.model.operator_control import Control
 from cnc.model.streams import PulseChunk
-from cnc.planner.joints import Joints
 from cnc.planner.plan import PlanChunk, RunClock
 
 # Commands that go with the motion: the time of each, and their place among the pulses.
@@ -168,11 +167,11 @@ class Progress:
     tool: int | None = None
     pending: float = 0.0
 
-    def of_tip(self, joints: Joints) -> Progress:
+    def of_tip(self, tips: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> Progress:
         """Return the progress with the position of the axes, from that of the joints."""
         if self.position is None:
             return self
-        tip = joints.tip(np.array(self.position))
+        tip = tips(np.array(self.position))
         return replace(self, position=tuple(tip.tolist()))
 
 

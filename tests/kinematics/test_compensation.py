@@ -22,7 +22,9 @@ def some_screw(dice: np.random.Generator) -> tuple[Screw, CubicSpline]:
     """Return a screw and its correction by scipy."""
     places = np.cumsum(dice.uniform(2.0, 30.0, int(dice.integers(3, 30)))) - 100.0
     errors = np.cumsum(dice.normal(0.0, 0.02, len(places)))
-    return Screw(places.tolist(), errors.tolist()), CubicSpline(places, errors, bc_type="natural")
+    return Screw(places.tolist(), errors.tolist(), [0.0] * len(places)), CubicSpline(
+        places, errors, bc_type="natural"
+    )
 
 
 def test_the_correction_is_the_natural_spline() -> None:
@@ -67,5 +69,5 @@ def test_the_motors_lead_the_tip_to_its_place_and_back() -> None:
         square = FaultyMachine(*angles.tolist())
         places = motors.copy()
         for axis, screw in screws.items():
-            places[:, axis] = screw.place(motors[:, axis])
+            places[:, axis] = screw.place(motors[:, axis], 0.0)
         assert np.abs(square.tool(places) - tips).max() < 1e-10

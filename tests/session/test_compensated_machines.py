@@ -8,12 +8,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cnc.api import Callbacks, Control, Outputs, RunOptions, check, home
-from cnc.boards.loopback import Loopback, SwitchedLoopback
+from cnc.api import Callbacks, Control, Outputs, Report, RunOptions, check, home
+from cnc.boards.loopback import Loopback, switch_places
 from cnc.machine.compensation import ErrorPoint, Squareness
 from cnc.machine.models import Axis, Homing, Machine, PathLimits
+from cnc.model.blocks import Block, Dwell
+from cnc.operate.jogging import JogMove
 from cnc.operate.machines import PulseMachine
+from cnc.planner.joints import Joints
 from cnc.session.run_pulses import Progress
+from tests.support.boards.gantry_board import RecordedLoopback
 from tests.support.boards.klipper_rig import played, steps_of, with_board
 from tests.support.faulty_machine import FaultyMachine
 from tests.support.planner.legality import examine
@@ -42,8 +46,9 @@ def wave(size: float, length: float):
 
 
 PITCH = {"x": wave(0.03, 70.0), "y": wave(-0.02, 95.0)}
+PLAY = {"x": 0.04, "y": 0.05, "z": 0.03}
 LEAN = {"xy": 0.2, "xz": -0.1, "yz": 0.15}
-FAULTY = FaultyMachine(**LEAN, screws=PITCH)
+FAULTY = FaultyMachine(**LEAN, screws=PITCH, backlash=PLAY)
 
 
 def table(letter: str) -> tuple[ErrorPoint, ...]:
@@ -63,6 +68,7 @@ def machine(*, compensated: bool = True, **changes: object) -> Machine:
             max_velocity=120.0,
             travel=(-90.0, 90.0),
             error_table=table(letter) if compensated and letter in PITCH else None,
+            backlash=PLAY[letter] if compensated else None,
             **LIMITS,
         )
         for letter in "xyz"
@@ -126,9 +132,8 @@ def test_a_circle_on_a_klipper_board_is_one(tmp_path: Path) -> None:
 def test_random_programs_keep_the_limits_of_the_motors(seed: int, tmp_path: Path) -> None:
     fresh = share(int(np.random.default_rng().integers(2**32)), 1)
     dice = np.random.default_rng([fresh, seed])
-    text = "G21 G90 G17\nG0 X1 Y2 Z-1\n" + Job(dice, 8.0).write()
-    found = examine(text, machine(), tmp_path)
-    assert found.moved
+    found = examine("G21 G90 G17\n" + Job(dice, 8.0).write(), machine(), tmp_path)
+    assert not found.refused, (fresh, seed, found.wrong)
     assert not found.wrong, (fresh, seed, found.wrong)
 
 
@@ -167,20 +172,122 @@ def with_switches() -> Machine:
     return known.model_copy(update={"axes": axes})
 
 
-def test_the_tool_is_at_home_after_homing(tmp_path: Path) -> None:
-    known = with_switches()
-    board = SwitchedLoopback(known)
-    found = home(known, (), board=board)
+class Shop:
+    """The faulty machine behind a board with switches, and all steps that its motors have made."""
+
+    def __init__(self, folder: Path, known: Machine) -> None:
+        self.machine, self.folder = known, folder
+        self.board = RecordedLoopback(known, switch_places(known))
+        self.origin = self.board.position_steps
+
+    @property
+    def motors(self) -> Floats:
+        """The places of the motors since the begin (n, 3), as homing has set their zero, mm."""
+        made = np.cumsum(np.concatenate([rows for _, rows in self.board.rows_sent]), axis=0)
+        return (made - made[-1] + self.board.position_steps) / SCALE
+
+    @property
+    def tool(self) -> Floats:
+        """The place of the tool (3,), mm."""
+        return FAULTY.tool(self.motors)[-1]
+
+    @property
+    def shown(self) -> list[float]:
+        """The place that an operator sees."""
+        position = PulseMachine(self.board, self.machine).readings().position
+        return [position[letter] for letter in "xyz"]
+
+    def run(self, text: str, **options: object) -> Report:
+        (self.folder / "part.ngc").write_text(text)
+        return run_with(self.folder / "part.ngc", self.machine, board=self.board, **options)
+
+
+@pytest.fixture
+def shop(tmp_path: Path) -> Shop:
+    """Return a shop whose machine is homed."""
+    made = Shop(tmp_path, with_switches())
+    found = home(made.machine, (), board=made.board)
     assert [found[letter] for letter in "xyz"] == pytest.approx([-90.0, 90.0, 90.0], abs=STEP)
-    tool = FAULTY.tool(board.position_steps[None] / SCALE)[0]
-    assert tool == pytest.approx([-90.0, 90.0, 90.0], abs=STEP + 1e-3)
-    assert abs(board.position_steps[0] / SCALE + 90.0) > 0.1, "X makes up for the lean of Y"
-    program = tmp_path / "part.ngc"
-    program.write_text("G21 G90\nG0 X0 Y0 Z0\nG0 X-90 Y90 Z90\nM2\n")
-    report = run_with(program, known, board=board)
+    return made
+
+
+RESTS = 1.05 * STEP
+"""Distance of the tool from the place of the program at rest: half a step of each of 3 motors."""
+
+
+def test_the_tool_is_at_home_after_homing(shop: Shop) -> None:
+    """The pull-off from the switches of Y and Z leads down: the motors take up the play."""
+    assert np.abs(shop.tool - [-90.0, 90.0, 90.0]).max() <= RESTS
+    assert abs(shop.motors[-1, 0] + 90.0) > 0.1, "X makes up for the lean of Y"
+    assert shop.run("G21 G90\nG0 X0 Y0 Z0\nG0 X-90 Y90 Z90\nM2\n").ok
+    assert np.abs(shop.tool - [-90.0, 90.0, 90.0]).max() <= RESTS
+
+
+def test_the_display_has_the_place_of_the_tool_at_rest(shop: Shop) -> None:
+    """After a program, a jog and a stop that end downwards; the next motion begins there."""
+    assert shop.run("G21 G90\nG1 X10 Y10 Z10 F5000\nX5 Y4 Z3\nM2\n").ok
+    assert np.abs(shop.tool - [5.0, 4.0, 3.0]).max() <= RESTS
+    assert np.abs(shop.tool - shop.shown).max() <= RESTS
+    operated = PulseMachine(shop.board, shop.machine)
+    operated.jog(
+        JogMove(dict(zip("xyz", shop.shown, strict=True)), {"x": 3.0}, 20.0),
+        Control(),
+        lambda _: None,
+    )
+    assert np.abs(shop.tool - [3.0, 4.0, 3.0]).max() <= RESTS
+    assert np.abs(shop.tool - shop.shown).max() <= RESTS
+    control = Control()
+
+    def stop(sent: Progress) -> None:
+        if sent.line == 2 and sent.rows > 700:
+            control.stop()
+
+    report = shop.run(
+        "G21 G90\nG1 X-30 Y-40 Z-5 F6000\nM2\n",
+        control=control,
+        callbacks=Callbacks(on_sent=stop),
+    )
+    assert report.end_position is not None
+    assert np.abs(shop.tool - list(report.end_position.values())).max() <= RESTS
+    assert np.abs(shop.tool - shop.shown).max() <= RESTS
+    assert shop.run("G21 G90\nG1 X20 F5000\nX1\nM2\n").ok
+    assert abs(shop.tool[0] - 1.0) <= RESTS
+
+
+def test_the_display_follows_the_tool_in_motion(shop: Shop) -> None:
+    """Where nuts turn twice between two reports, it is off by the play at most."""
+    begun, before = len(shop.motors), shop.motors[-1]
+    text = "G21 G90 F4000\n" + "G1 X10 Y5 Z4\nX-3 Y1 Z0\n" * 3 + "M2\n"
+    assert shop.run(text).ok
+    motors, tool = shop.motors, FAULTY.tool(shop.motors)
+    for every, allowed in ((1, 1e-3), (40, max(PLAY.values()) + 1e-3)):
+        tips = Joints(shop.machine).tips_from(before)
+        shown = np.array([tips(place) for place in motors[begun::every]])
+        assert np.abs(tool[begun::every] - shown).max() <= allowed
+
+
+def test_each_stop_of_an_exact_path_is_at_its_place(shop: Shop) -> None:
+    """Turns back on a line, with and without motion of other axes; every stop is one step near."""
+    dice = np.random.default_rng(share(None, 5))
+    places = np.round(np.cumsum(dice.uniform(-3.0, 3.0, (share(60, 12), 3)), axis=0), 3)
+    places[3::4, 1] = places[2:-1:4, 1][: len(places[3::4])]
+    lines = [f"X{x} Y{y} Z{z}" for x, y, z in places.tolist()]
+    seen: list[Floats] = []
+    execute = shop.board.execute
+
+    def noted(block: Block, time_ns: int) -> tuple[float, ...] | None:
+        if isinstance(block, Dwell):
+            seen.append(shop.tool)
+        return execute(block, time_ns)
+
+    shop.board.execute = noted  # type: ignore[method-assign]
+    text = "G21 G90 G61 F5000\nG1 " + "\nG4 P0\nG1 ".join([*lines, "X0 Y0 Z0"]) + "\nM2\n"
+    report = shop.run(text)
     assert report.ok, report.faults
-    tool = FAULTY.tool(board.position_steps[None] / SCALE)[0]
-    assert tool == pytest.approx([-90.0, 90.0, 90.0], abs=STEP + 1e-3)
+    assert not any(report.violations.values())
+    assert len(seen) == len(places)
+    # A nut that has just turned lags by the deviation of a window, and rounding.
+    assert np.abs(np.array(seen) - places).max() <= RESTS + STEP
 
 
 def test_the_travel_is_one_of_true_places(tmp_path: Path) -> None:
