@@ -31,7 +31,7 @@ from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
 from cnc.planner.window import SLICE
 from cnc.pulses.reference_pulse import ReferencePulse
-from cnc.session.nut_sides import push_nuts_up
+from cnc.session.nut_sides import ending_pushed_up
 from cnc.session.pipeline import path_of
 from cnc.session.run_pulses import Outcome, Progress, execute
 
@@ -260,15 +260,14 @@ def jog(
     # A joint may be faster than the tool.
     board.prepare_jog(math.inf if machine.kinematics.joints else feed)
     tips = joints.tips_from(joints.at(start))
-    outcome = execute(
+    return execute(
         _until_held(planner.plan(path)),
         board,
-        pulses,
+        ending_pushed_up(pulses, joints),
         control=control,
         on_progress=lambda progress: report(progress.of_tip(tips)),
         ramp_down=planner.ramp_down,
     )
-    return push_nuts_up(board, machine, joints, pulses, outcome)
 
 
 def _until_held(planned: Iterable[PlanChunk | Block]) -> Iterator[PlanChunk | Block]:

@@ -73,7 +73,7 @@ class ReferencePulse:
         self._origin = self._grid.copy()
         self.min_pulse_ns = min_pulse_ns
         self._min_row_ns = 0.0 if separate_axes else min_pulse_ns
-        self._algorithm = CODES[algorithm]
+        self._algorithm, self._chosen = CODES[algorithm], algorithm
         self._last_ns = 0
         self._released_ns = -(2**62)
         self._latest: PlanChunk | None = None
@@ -87,6 +87,16 @@ class ReferencePulse:
             np.empty(ROWS, dtype=np.int32),
             np.full(axes, -1, dtype=np.int64),
             np.zeros(axes, dtype=np.int64),
+        )
+
+    def of_joints(self) -> ReferencePulse:
+        """Return a new interpolator for a path that has the columns of the joints alone."""
+        return ReferencePulse(
+            self.steps_per_mm[self._stepping],
+            np.zeros(len(self.origin_steps)),
+            self.min_pulse_ns,
+            algorithm=self._chosen,
+            separate_axes=self._min_row_ns < self.min_pulse_ns,
         )
 
     @property

@@ -22,7 +22,7 @@ from cnc.planner.window import LONG, SLICE
 from cnc.pulses.reference_pulse import ReferencePulse
 from cnc.report.pulses import PulseWriter, pulse_writer
 from cnc.session.context import SessionContext, TimedInterpolator
-from cnc.session.nut_sides import push_nuts_up
+from cnc.session.nut_sides import ending_pushed_up
 from cnc.session.pipeline import PathItems, PlanItems, PlannedMotion
 from cnc.session.required_capabilities import expected_capabilities, known_driver, pause_text
 from cnc.session.run_pulses import Outcome, Progress, execute
@@ -105,7 +105,9 @@ class PulsePass:
         slice_s = LONG if board is None else board.capabilities.slice_s or SLICE
         planner = LookAhead(self._machine, self._control, slice_s=slice_s)
         planned = _without_tip_control(motion.recorded_plan(planner, path), writer)
-        pulses = TimedInterpolator(interpolator, motion.interpolating_time)
+        pulses = TimedInterpolator(
+            ending_pushed_up(interpolator, self._joints), motion.interpolating_time
+        )
         try:
             if board is None:
                 self._compute(planned, pulses, on_pulses)
@@ -113,8 +115,7 @@ class PulsePass:
                 if self._waits_for_operator(board):
                     planned = self._with_holds(planned)
                 before_motion()
-                outcome = self._send(planned, pulses, on_pulses, board, planner)
-                self._end(push_nuts_up(board, self._machine, self._joints, interpolator, outcome))
+                self._end(self._send(planned, pulses, on_pulses, board, planner))
         finally:
             motion.record_audit(planner)
             context.report.pulse_error_blu = interpolator.error_blu

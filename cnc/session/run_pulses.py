@@ -122,6 +122,14 @@ class PulseInterpolator(Protocol):
         """Continue from a grid point (axes,) that was not planned, such as that of a contact."""
 
 
+class CountingInterpolator(PulseInterpolator, Protocol):
+    """An interpolator that counts steps."""
+
+    @property
+    def steps_made(self) -> NDArray[np.int64]:
+        """Number of steps of each axis (axes,) in all pulses so far."""
+
+
 @dataclass(frozen=True, slots=True)
 class Progress:
     """Progress of a run.
@@ -454,6 +462,8 @@ def _run_program(
         if ramp_down is not None and not run.at_rest:
             for chunk in ramp_down():
                 run.motion(chunk)
+        if ramp_down is not None:
+            run.settle()
         board.stop()
         return run.outcome(stopped=True)
     run.settle()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from cnc.boards.registry import open_board
@@ -90,6 +91,51 @@ def test_wrong_tables_are_errors_at_the_line_of_the_machine_file(
     assert caught.value.diagnostic.line == 9
 
 
+BOTH = "position,forward_error,reverse_error\n0,-0.02,0.02\n300,0.01,0.03\n"
+
+
+@pytest.mark.parametrize(
+    ("table", "backlash", "message"),
+    [
+        (BOTH, "0.02", "have the backlash in them"),
+        (
+            "position,error\n0,0\n0.03,0\n300,0\n",
+            "0.04",
+            "the backlash, 0.04, is larger than a step",
+        ),
+        ("position,forward_error,reverse_error\n0,0,2\n1,0,2\n300,0,2\n", None, "is larger than"),
+    ],
+)
+def test_a_table_that_contradicts_the_backlash_is_an_error(
+    tmp_path: Path, table: str, backlash: str | None, message: str
+) -> None:
+    (tmp_path / "x.csv").write_text(table)
+    more = "" if backlash is None else f"\nbacklash = {backlash}"
+    with pytest.raises(MachineFileError) as caught:
+        load(tmp_path, x=f'error_table = "x.csv"{more}')
+    assert message in caught.value.diagnostic.message
+    assert caught.value.diagnostic.line == 9
+
+
+@pytest.mark.parametrize("value", ["0", "-0.04", '"0.04"', "inf"])
+def test_a_backlash_is_a_length(tmp_path: Path, value: str) -> None:
+    with pytest.raises(MachineFileError) as caught:
+        load(tmp_path, x=f"backlash = {value}")
+    assert "axes.x.backlash" in caught.value.diagnostic.message
+    assert caught.value.diagnostic.line == 9
+
+
+def test_a_table_of_both_directions_is_a_mean_with_a_play(tmp_path: Path) -> None:
+    """Pushed up, the axis stands at place + forward error; so the motor goes to the place."""
+    (tmp_path / "x.csv").write_text(BOTH)
+    motors = load(tmp_path, x='error_table = "x.csv"').compensation
+    up, down = (motors.motors_at(np.array([[x, 0.0]])) for x in (300.01, 0.02))
+    assert up[0, 0] == pytest.approx(300.0, abs=1e-4)
+    pushed = motors.motors_at(np.array([[0.02, 0.0]]), {0: -1.0})
+    assert pushed[0, 0] == pytest.approx(0.0, abs=1e-4)
+    assert down[0, 0] == pytest.approx(0.04, abs=1e-4)
+
+
 @pytest.mark.parametrize(
     ("rows", "message"),
     [
@@ -131,7 +177,11 @@ def test_a_table_is_for_the_whole_travel_of_an_axis_with_a_motor(tmp_path: Path)
 
 @pytest.mark.parametrize(
     "changes",
-    [{"head": 'squareness = { xy = "1 mm/m" }'}, {"x": "error_table = [[0, 0], [300, 0.1]]"}],
+    [
+        {"head": 'squareness = { xy = "1 mm/m" }'},
+        {"x": "error_table = [[0, 0], [300, 0.1]]"},
+        {"x": "backlash = 0.04"},
+    ],
 )
 def test_a_board_that_takes_lines_is_refused(tmp_path: Path, changes: dict[str, str]) -> None:
     """Its firmware counts, homes and limits in places of the motors."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from cnc.api import Callbacks, Control, Outputs, Report, RunOptions, check, home
 from cnc.boards.loopback import Loopback, switch_places
+from cnc.boards.registry import open_board
 from cnc.machine.compensation import ErrorPoint, Squareness
 from cnc.machine.models import Axis, Homing, Machine, PathLimits
 from cnc.model.blocks import Block, Dwell
@@ -20,7 +22,7 @@ from cnc.session.run_pulses import Progress
 from tests.support.boards.gantry_board import RecordedLoopback
 from tests.support.boards.klipper_rig import played, steps_of, with_board
 from tests.support.faulty_machine import FaultyMachine
-from tests.support.planner.legality import examine
+from tests.support.planner.legality import compare_files
 from tests.support.planner.random_jobs import Job
 from tests.support.session.runs import run_with
 from tests.support.soak import share
@@ -29,6 +31,8 @@ Floats = NDArray[np.float64]
 SCALE = 200.0
 STEP = 1.0 / SCALE
 TOLERANCE = 0.002
+RESTS = 1.05 * STEP
+"""Distance of the tool from the place of the program at rest: half a step of each of 3 motors."""
 FEEDS = (600, 3000, 6000)
 CIRCLE = f"""G21 G90 G17 G64 P{TOLERANCE}
 G0 X30 Y-10 Z-5
@@ -91,6 +95,21 @@ def tool_on_line(pulses: Path, line: int) -> Floats:
     return FAULTY.tool(motors)[moved["line"] == line]
 
 
+def test_a_file_has_the_motion_and_the_take_up_behind_it(tmp_path: Path) -> None:
+    program, file = tmp_path / "part.ngc", tmp_path / "file.npz"
+    program.write_text("G21 G90\nG1 X5 F600\nX2\nM2\n")
+    known = machine()
+    with closing(open_board(known, kind="file", port=str(file))) as board:
+        assert run_with(program, known, board=board).ok
+    moved = dict(np.load(file).items())
+    x = moved["step"][:, 0].astype(np.int64)
+    # The motor goes 5 mm and 3 mm on a screw that is longer by the slope of its wave at 2 mm. It
+    # takes up the play at the turn, and at the end once more.
+    ways = 8.0 * (1.0 - 0.03 * 2.0 * np.pi / 70.0 * np.cos(0.4 + 2.0 * np.pi * 2.0 / 70.0))
+    assert np.abs(x).sum() == pytest.approx((ways + 2.0 * PLAY["x"]) * SCALE, abs=2)
+    assert x.sum() == pytest.approx(2.0 * SCALE, abs=2)
+
+
 @pytest.mark.parametrize("feed", FEEDS)
 def test_a_circle_is_one_after_compensation(feed: int, tmp_path: Path) -> None:
     program, pulses = tmp_path / "circle.ngc", tmp_path / "pulses.npz"
@@ -128,12 +147,39 @@ def test_a_circle_on_a_klipper_board_is_one(tmp_path: Path) -> None:
     assert np.abs(radius[turn] - 25.0).max() <= STEP + TOLERANCE
 
 
+def _check_take_up(moved: dict[str, NDArray[np.int64]], duration: float) -> None:
+    """Check that behind the motion the motors push their nuts up, and no tool moves."""
+    motors = (moved["origin_steps"] + np.cumsum(moved["step"], axis=0)) / SCALE
+    if not len(motors):
+        return
+    behind = moved["time_ns"] > duration * 1e9 + 1e3
+    assert (moved["step"][behind] >= 0).all()
+    tool = FAULTY.tool(motors)
+    assert np.abs(tool[behind] - tool[~behind][-1]).max(initial=0.0) <= RESTS
+    nuts = np.zeros(3)
+    for place in motors:
+        nuts = np.clip(nuts, place - [0.02, 0.025, 0.015], place + [0.02, 0.025, 0.015])
+    assert np.abs(motors[-1] - nuts - [0.02, 0.025, 0.015]).max() <= 2.0 * STEP
+
+
 @pytest.mark.parametrize("seed", range(share(20, 2)))
 def test_random_programs_keep_the_limits_of_the_motors(seed: int, tmp_path: Path) -> None:
     fresh = share(int(np.random.default_rng().integers(2**32)), 1)
     dice = np.random.default_rng([fresh, seed])
-    found = examine("G21 G90 G17\n" + Job(dice, 8.0).write(), machine(), tmp_path)
-    assert not found.refused, (fresh, seed, found.wrong)
+    program, blocks, trace, pulses = (
+        tmp_path / name for name in ("part.nc", "blocks.jsonl", "trace.npz", "pulses.npz")
+    )
+    program.write_text("G21 G90 G17\n" + Job(dice, 8.0).write())
+    outputs = Outputs(blocks=str(blocks), trace=str(trace), pulses=str(pulses))
+    report = check(program, machine(), RunOptions(outputs=outputs))
+    assert report.ok, (fresh, seed, report.faults)
+    moved = dict(np.load(pulses).items())
+    _check_take_up(moved, report.duration_s)
+    within = moved["time_ns"] <= report.duration_s * 1e9 + 1e3
+    for name in ("time_ns", "step", "line", "position", "tip"):
+        moved[name] = moved[name][within]
+    np.savez(pulses, **moved)
+    found = compare_files(blocks, trace, pulses, machine(), report.duration_s)
     assert not found.wrong, (fresh, seed, found.wrong)
 
 
@@ -211,10 +257,6 @@ def shop(tmp_path: Path) -> Shop:
     return made
 
 
-RESTS = 1.05 * STEP
-"""Distance of the tool from the place of the program at rest: half a step of each of 3 motors."""
-
-
 def test_the_tool_is_at_home_after_homing(shop: Shop) -> None:
     """The pull-off from the switches of Y and Z leads down: the motors take up the play."""
     assert np.abs(shop.tool - [-90.0, 90.0, 90.0]).max() <= RESTS
@@ -250,14 +292,16 @@ def test_the_display_has_the_place_of_the_tool_at_rest(shop: Shop) -> None:
     assert report.end_position is not None
     assert np.abs(shop.tool - list(report.end_position.values())).max() <= RESTS
     assert np.abs(shop.tool - shop.shown).max() <= RESTS
+    shop.board.revive()
     assert shop.run("G21 G90\nG1 X20 F5000\nX1\nM2\n").ok
     assert abs(shop.tool[0] - 1.0) <= RESTS
 
 
 def test_the_display_follows_the_tool_in_motion(shop: Shop) -> None:
     """Where nuts turn twice between two reports, it is off by the play at most."""
+    text = "G21 G90 F4000\n" + "G1 X2 Y1 Z1\nX-1 Y0 Z0\n" * 2 + "M2\n"
+    assert shop.run("G21 G90\nG0 X0 Y0 Z0\nM2\n").ok
     begun, before = len(shop.motors), shop.motors[-1]
-    text = "G21 G90 F4000\n" + "G1 X10 Y5 Z4\nX-3 Y1 Z0\n" * 3 + "M2\n"
     assert shop.run(text).ok
     motors, tool = shop.motors, FAULTY.tool(shop.motors)
     for every, allowed in ((1, 1e-3), (40, max(PLAY.values()) + 1e-3)):
