@@ -350,15 +350,18 @@ class JointPath:
             MotionLimitError: ``out-of-reach``, or ``singular-pose`` where a joint has no place, or
                 no bounded speed, on the path.
         """
+        answer: Answer | None = None
         for item in self._blending.blended(stream):
             if isinstance(item, PathChunk):
                 yield self._with_joints(item)
-                continue
-            if isinstance(item, TipControl):
-                self._joints = self._joints.with_tool(item.offset)
-            yield item
-            if isinstance(item, Probe) and item.answer.of_joints:
-                self._take_contact(item.answer)
+            else:
+                if isinstance(item, TipControl):
+                    self._joints = self._joints.with_tool(item.offset)
+                yield item
+                answer = item.answer if isinstance(item, Probe) else None
+            # The path behind the move of a probe is read after this.
+            if answer is not None and answer.of_joints:
+                self._take_contact(answer)
 
     def _take_contact(self, answer: Answer) -> None:
         """Give the answer of a probe the tip, from the joints that the board has counted."""

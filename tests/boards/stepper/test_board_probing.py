@@ -15,11 +15,15 @@ from cnc.machine.compensation import ErrorPoint
 from cnc.machine.models import Machine
 from tests.support.boards.stepper_rig import machine
 from tests.support.boards.stepper_simulator import Simulator, SimulatorPort
+from tests.support.faulty_machine import FaultyMachine
 from tests.support.soak import share
 
 
 class Part:
-    """A part that the probe touches. Its input is low where X is at ``at`` steps or beyond."""
+    """A part that the probe touches. Its input is low where X is at ``at`` steps or beyond.
+
+    The sign of ``at`` is that of the direction in which the part lies.
+    """
 
     def __init__(self, simulator: Simulator, at: int) -> None:
         self.place = self.seen = self.backward = 0
@@ -34,7 +38,7 @@ class Part:
                 if edge["pin"] == 2 and edge["level"]:
                     self.place += 1 - 2 * self.backward
             self.seen = len(edges)
-            simulator.set_pin(PROBE_PIN, 0 if self.place >= at else 1)
+            simulator.set_pin(PROBE_PIN, 0 if (self.place - at) * at >= 0 else 1)
 
         simulator.run = felt  # type: ignore[method-assign]
 
@@ -148,8 +152,51 @@ def test_a_probe_on_belts_answers_with_the_place_of_the_tool(tmp_path: Path) -> 
         }
     )
     report, made = probed(
-        tmp_path, "G21 G90\nG38.2 X20 F300\nG1 X#5061 Y#5062 F600\nM2\n", 1000, known=known
+        tmp_path, "G21 G90\nG38.2 X20 F300\nG1 X1 Y[#5062 + 1] F600\nM2\n", 1000, known=known
     )
     assert report.ok, report.faults
-    assert 1000 <= made[:, 0].sum(dtype=np.int64) <= 1002
-    assert made[:, 0].sum(dtype=np.int64) == made[:, 1].sum(dtype=np.int64)
+    scale = place["x"].steps_per_mm
+    assert made[:, 0].sum(dtype=np.int64) == pytest.approx((1.0 + 1.0) * scale, abs=1)
+    assert made[:, 1].sum(dtype=np.int64) == pytest.approx(0.0, abs=1)
+
+
+def with_backlash(play: float) -> Machine:
+    """Return the router with play of X and Y, mm."""
+    router = machine()
+    axes = {
+        letter: axis.model_copy(update={"backlash": play} if letter in "xy" else {})
+        for letter, axis in router.axes.items()
+    }
+    return router.model_copy(update={"axes": axes})
+
+
+def test_a_probe_downwards_answers_with_the_place_of_the_tool(tmp_path: Path) -> None:
+    """The motor pushes the nut down then: it turns, and moves by the play and 1 mm."""
+    known, play = with_backlash(0.05), 0.05
+    scale = known.axes["x"].steps_per_mm
+    report, made = probed(
+        tmp_path, "G21 G90\nG38.2 X-4 F300\nG1 X[#5061 + 1] F600\nM2\n", -1000, known=known
+    )
+    assert report.ok, report.faults
+    places = made[:, 0].astype(np.int64).cumsum()
+    assert -1002 <= places.min() <= -1000
+    assert places[-1] - places.min() == pytest.approx((1.0 + play) * scale, abs=1)
+
+
+def test_a_circle_on_the_stepper_board_is_one(tmp_path: Path) -> None:
+    """The edges of its pins move a machine with play of X and Y."""
+    known, faulty = with_backlash(0.05), FaultyMachine(backlash={"x": 0.05, "y": 0.05})
+    program = "G21 G90 G17\nG1 X2 Y0 F600\nG3 X2 Y0 I-2 J0\nG1 X0\nM2\n"
+    scale = np.array([axis.steps_per_mm for axis in known.axes.values()])
+    report, made = probed(tmp_path, program, known=known)
+    assert report.ok, report.faults
+    motors = made[:, :3].astype(np.int64).cumsum(axis=0) / scale + [0.025, 0.025, 0.0]
+    tool = faulty.tool(motors)
+    radius = np.hypot(tool[:, 0], tool[:, 1])
+    # The lines before and behind the circle lie on Y0.
+    begin = int(np.flatnonzero(np.abs(tool[:, 1]) > 0.05)[0])
+    end = int(np.flatnonzero(np.abs(tool[:, 1]) > 0.05)[-1])
+    turn = slice(begin, end)
+    assert end - begin > 4000
+    assert np.abs(radius[turn] - 2.0).max() <= 1.0 / scale[0]
+    assert np.abs(tool[-1]).max() <= 1.0 / scale[0]
