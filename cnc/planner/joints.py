@@ -161,27 +161,32 @@ class Joints:
         return self._map.with_sides({k: np.array([side]) for k, side in sides.items()})
 
     def tips_from(self, start: Floats) -> Callable[[Floats], Floats]:
-        """Return a function that gives the tip at joints which the board reports one by one.
+        """Return a function that gives the tips (n, axes) at joints (n, joints), in order.
 
-        It follows the nuts from report to report. A nut that turned twice between two reports is
-        off by its backlash at most, until it has moved so far.
+        It follows the nuts from place to place. A nut that turned twice between two places is off
+        by its backlash at most, until it has moved so far.
 
         Args:
-            start: The joints before the first report (joints,), whose nuts are pushed up.
+            start: The joints before the first place (joints,), whose nuts are pushed up.
         """
-        if not self._plays:
-            return self.tip
-        nuts, before = dict.fromkeys(self._plays, 1.0), start
+        if self._map is None or not self._plays:
+            return self.tips
+        joint_map, nuts, before = self._map, dict.fromkeys(self._plays, 1.0), start
 
-        def tip(joints: Floats) -> Floats:
+        def tips(joints: Floats) -> Floats:
             nonlocal before
+            sides: dict[int, Series | Floats] = {}
             for k, play in self._plays.items():
-                moved = 2.0 * float(joints[k] - before[k]) / play.largest
-                nuts[k] = min(max(nuts[k] + moved, -1.0), 1.0)
-            before = joints
-            return self.tip_on(joints, nuts)
+                side, followed = nuts[k], []
+                moves = np.diff(joints[:, k], prepend=before[k]) * (2.0 / play.largest)
+                for move in moves.tolist():
+                    side = min(max(side + move, -1.0), 1.0)
+                    followed.append(side)
+                nuts[k], sides[k] = side, np.array(followed)
+            before = joints[-1]
+            return joint_map.with_sides(sides).forward(joints)
 
-        return tip
+        return tips
 
     def with_tool(self, offset: tuple[float, float, float] | None) -> Joints:
         """Return the joints under tool-tip control, or without it for None.

@@ -596,7 +596,7 @@ class _Homing:
 def _report_tip(
     on_progress: Callable[[Progress], None], joints: Joints, progress: Progress
 ) -> None:
-    on_progress(progress.of_tip(joints.tip))
+    on_progress(progress.of_tip(joints.tips))
 
 
 def home(

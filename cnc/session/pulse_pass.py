@@ -68,7 +68,7 @@ class PulsePass:
         self._machine, self._control = context.reader.machine, context.observer.control
         self._joints = Joints(self._machine)
         self._scale = self._joints.machine.steps_per_mm
-        self._tips: Callable[[NDArray[np.float64]], NDArray[np.float64]] = self._joints.tip
+        self._tips: Callable[[NDArray[np.float64]], NDArray[np.float64]] = self._joints.tips
         self._fastest = self._machine.board.max_step_rate
         can = expected_capabilities(self._machine) if board is None else board.capabilities
         if board is not None:
@@ -219,7 +219,7 @@ class PulsePass:
                 laser=self._machine.kind == "laser",
             )
         except BoardError:
-            self._record_position(self._tips(board.position_steps / self._scale))
+            self._record_position(self._tips(board.position_steps[None] / self._scale)[0])
             raise
 
     def _end(self, outcome: Outcome) -> None:

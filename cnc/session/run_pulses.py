@@ -179,7 +179,7 @@ class Progress:
         """Return the progress with the position of the axes, from that of the joints."""
         if self.position is None:
             return self
-        tip = tips(np.array(self.position))
+        tip = tips(np.array([self.position]))[0]
         return replace(self, position=tuple(tip.tolist()))
 
 

@@ -157,7 +157,8 @@ def _check_take_up(moved: dict[str, NDArray[np.int64]], duration: float) -> None
         return
     behind = moved["time_ns"] > duration * 1e9 + 1e3
     assert (moved["step"][behind] >= 0).all()
-    tool = FAULTY.tool(motors)
+    tool = FAULTY.tool(np.vstack((moved["origin_steps"] / SCALE, motors)))[1:]
+    assert np.abs(tool - moved["tip"]).max() <= 1e-3, "the table lies within 1 um of the wave"
     assert np.abs(tool[behind] - tool[~behind][-1]).max(initial=0.0) <= RESTS
     nuts = np.zeros(3)
     for place in motors:
@@ -309,7 +310,7 @@ def test_the_display_follows_the_tool_in_motion(shop: Shop) -> None:
     motors, tool = shop.motors, FAULTY.tool(shop.motors)
     for every, allowed in ((1, 1e-3), (40, max(PLAY.values()) + 1e-3)):
         tips = Joints(shop.machine).tips_from(before)
-        shown = np.array([tips(place) for place in motors[begun::every]])
+        shown = tips(motors[begun::every])
         assert np.abs(tool[begun::every] - shown).max() <= allowed
 
 
