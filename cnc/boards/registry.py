@@ -87,6 +87,21 @@ def board_factory(kind: str) -> BoardFactory:
         ) from error
 
 
+def joints_on_board(machine: Machine, board: str) -> UsageError:
+    """Return the error of a machine whose joints are not its axes, for a board that takes lines.
+
+    The firmware of such a board plans, counts, homes and checks the travel in the places of its
+    motors. Compensated lines would be right, but its limits and all its reports would be wrong.
+    """
+    if machine.is_compensated:
+        message = f"{board} plans its own motion, so errors of the machine are not compensated"
+        hint = "use a board that plays pulses, or remove squareness, error_table and backlash"
+        return UsageError(Diagnostic("compensation-on-board", message, hint=hint))
+    message = f"{board} has its kinematics in its firmware"
+    hint = "leave [kinematics] and [joints] out of the machine file of such a board"
+    return UsageError(Diagnostic("kinematics-on-board", message, hint=hint))
+
+
 def open_board(
     machine: Machine,
     *,
@@ -113,10 +128,8 @@ def open_board(
     """
     name = machine.board.kind if kind is None else kind
     factory = board_factory(name)
-    if factory.takes == "lines" and machine.kinematics.joints:
-        hint = "leave [kinematics] and [joints] out of the machine file of such a board"
-        message = f"the board {name!r} has its kinematics in its firmware"
-        raise UsageError(Diagnostic("kinematics-on-board", message, hint=hint))
+    if factory.takes == "lines" and (machine.kinematics.joints or machine.is_compensated):
+        raise joints_on_board(machine, f"the board {name!r}")
     if port is not None:
         if not factory.traits.has_port:
             hint = "leave --port out, or name a board that has one: --board grbl"

@@ -50,6 +50,12 @@ class TravelCheck:
             free = [axis.model_copy(update={"travel": None}) for _, _, axis in self._tables]
             tip = zip(machine.axes, free, strict=True)
             self._tables = [*(("axes", letter, axis) for letter, axis in tip), *self._tables]
+        elif machine.is_compensated:
+            # The travel holds for true places. A motor at rest is on a step beside its place.
+            free = [axis.model_copy(update={"travel": None}) for _, _, axis in self._tables]
+            self._tables += [
+                ("axes", letter, axis) for letter, axis in zip(machine.axes, free, strict=True)
+            ]
         elif machine.kinematics.joints:
             joints = machine.joint_tables.items()
             self._tables += [("joints", name, joint) for name, joint in joints]
@@ -59,8 +65,12 @@ class TravelCheck:
         travels = [axis.travel or (-np.inf, np.inf) for _, _, axis in self._tables]
         # The travel of an axis that repeats after a turn holds for the place within the turn.
         self._repeats = np.array([axis.wrap is not None for _, _, axis in self._tables])
-        self._lowest = np.array([low for low, _ in travels]) - slack
-        self._highest = np.array([high for _, high in travels]) + slack
+        slacks = np.full(n, slack)
+        if machine.is_compensated:
+            steps = 1.0 / machine.steps_per_mm
+            slacks = np.maximum(slacks, np.concatenate((steps, steps)))
+        self._lowest = np.array([low for low, _ in travels]) - slacks
+        self._highest = np.array([high for _, high in travels]) + slacks
         self._reported: set[tuple[int, int]] = set()
         self._pitch = 0.0
         self._begun = False

@@ -25,7 +25,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from cnc.kinematics import interval
-from cnc.kinematics.interval import Interval
+from cnc.kinematics.interval import Floats, Interval
 
 Term: TypeAlias = Any
 """An array (m,) or an :class:`Interval`: both have the same operators. Beside intervals a term
@@ -45,7 +45,7 @@ class Series:
     def __init__(self, terms: Sequence[Term]) -> None:
         self.terms = tuple(terms)
 
-    def __add__(self, other: Series | float) -> Series:
+    def __add__(self, other: Series | Floats | float) -> Series:
         if isinstance(other, Series):
             return Series([a + b for a, b in zip(self.terms, other.terms, strict=True)])
         return Series([self.terms[0] + other, *self.terms[1:]])
@@ -55,15 +55,15 @@ class Series:
     def __neg__(self) -> Series:
         return Series([-a for a in self.terms])
 
-    def __sub__(self, other: Series | float) -> Series:
+    def __sub__(self, other: Series | Floats | float) -> Series:
         return self + -other
 
     def __rsub__(self, other: float) -> Series:
         return -self + other
 
-    def __mul__(self, other: Series | float) -> Series:
+    def __mul__(self, other: Series | Floats | float) -> Series:
         if not isinstance(other, Series):
-            return Series([a * other for a in self.terms])
+            return Series([a if _is_none(a) else a * other for a in self.terms])
         return Series(
             [_convolved(self.terms, other.terms, 0, k, k) for k in range(len(self.terms))]
         )

@@ -18,7 +18,8 @@ from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import core_schema
 
 from cnc.kinematics.five_axis import FiveAxis
-from cnc.machine.kinematics import KINEMATICS, OF_TIP
+from cnc.machine.compensation import Squareness, TableError, read_error_table, screw
+from cnc.machine.kinematics import KINEMATICS, OF_TIP, Cartesian
 from cnc.machine.klipper import KlipperAxis, KlipperBoard, KlipperSpindle, TrinamicDriver
 from cnc.machine.models import (
     Axis,
@@ -117,6 +118,8 @@ def locate(text: str, key: tuple[str, ...]) -> KeyLocation | None:
 
 # Contradictions between keys of a machine file, which each table alone does not show.
 
+ROUNDING = 0.05
+"""Distance by which a travel may go beyond the last row of an error table, mm: the errors there."""
 RATE_ROUNDING = 1e-12
 """Relative rounding error that the product of a speed and a resolution may have."""
 
@@ -125,6 +128,7 @@ def inconsistencies(machine: Machine) -> Iterator[Inconsistency]:
     """Yield the contradictions between keys; none for a machine that can run."""
     yield from _joint_names(machine)
     yield from _start(machine)
+    yield from _compensation(machine)
     for table, name, joint in _motors(machine):
         yield from _axis_limits(machine, table, name, joint)
         pull_off = (joint.homing or Homing()).pull_off
@@ -215,6 +219,42 @@ def _start(machine: Machine) -> Iterator[Inconsistency]:
         message = f"the joints {', '.join(joints)} move {', '.join(moved)}"
         hint = "give places of the axes or of the joints, not of both"
         yield Inconsistency(("machine", "start"), message, hint)
+
+
+def _compensation(machine: Machine) -> Iterator[Inconsistency]:
+    """Compare squareness and error tables with the axes."""
+    for pair in () if machine.squareness is None else machine.squareness.given:
+        missing = [letter for letter in pair if letter not in machine.axes]
+        if missing:
+            message = f"the machine has no axis {missing[0]}"
+            yield Inconsistency(("machine", "squareness", pair), message, "remove it")
+    for letter, axis in machine.axes.items():
+        if axis.backlash is not None and axis.wrap is not None:
+            key = ("axes", letter, "backlash")
+            yield Inconsistency(key, "the axis repeats after a turn", "remove backlash or wrap")
+        if axis.error_table is None:
+            continue
+        key = ("axes", letter, "error_table")
+        try:
+            knots = screw(axis.error_table, axis.backlash).knots
+        except TableError as error:
+            yield Inconsistency(key, str(error), "correct the table")
+            continue
+        if axis.wrap is not None:
+            yield Inconsistency(key, "the axis repeats after a turn", "remove the table or wrap")
+        if axis.travel is None:
+            hint = f"write axes.{letter}.travel = [lowest, highest]"
+            yield Inconsistency(key, "a table needs the travel that it is for", hint)
+        elif not (knots[0] <= axis.travel[0] + ROUNDING and axis.travel[1] <= knots[-1] + ROUNDING):
+            message = (
+                f"the table is for {knots[0]:g} to {knots[-1]:g}, "
+                f"the travel is {axis.travel[0]:g} to {axis.travel[1]:g}"
+            )
+            yield Inconsistency(key, message, "measure the whole travel, or shorten the travel")
+    if machine.is_compensated and not isinstance(machine.kinematics, Cartesian):
+        message = "the compensation of errors needs a motor for each axis"
+        hint = f"{machine.kinematics.type} has none: remove squareness and error tables"
+        yield Inconsistency(("kinematics", "type"), message, hint)
 
 
 def _axis_limits(machine: Machine, table: str, letter: str, axis: Axis) -> Iterator[Inconsistency]:
@@ -345,6 +385,7 @@ def load_machine(path: Path | str | None = None) -> Machine:
         machine = Machine.model_validate({**header.model_dump(), "file": str(file), **tables})
     except ValidationError as error:
         raise validation_error(file, text, error) from None
+    machine = _with_error_tables(machine, file, text)
     for wrong in inconsistencies(machine):
         raise value_error(file, text, wrong.key, wrong.message, wrong.hint)
     return _with_absolute_files(machine, file, text)
@@ -554,6 +595,8 @@ def _names_beside(key: tuple[str, ...]) -> list[str]:
 
 def _section(key: tuple[str, ...]) -> type[Section]:
     """Return the model of the table in which a key stands."""
+    if key[:2] == ("machine", "squareness") and len(key) > 2:
+        return Squareness
     if key[:2] != ("board", "klipper") or len(key) == 2:
         return _SECTIONS[key[0]]
     if len(key) == 3:
@@ -561,6 +604,23 @@ def _section(key: tuple[str, ...]) -> type[Section]:
     if key[2] == "spindle":
         return KlipperSpindle
     return TrinamicDriver if key[3] == "driver" and len(key) > 4 else KlipperAxis
+
+
+def _with_error_tables(machine: Machine, file: Traversable, text: str) -> Machine:
+    """Return the machine with the rows of the files that its error tables name."""
+    axes = dict(machine.axes)
+    for letter, axis in machine.axes.items():
+        table = axis.error_table
+        if not isinstance(table, Path):
+            continue
+        folder = file.resolve().parent if isinstance(file, Path) else Path()
+        try:
+            points = read_error_table(folder / table)
+        except TableError as error:
+            key = ("axes", letter, "error_table")
+            raise value_error(file, text, key, str(error)) from None
+        axes[letter] = axis.model_copy(update={"error_table": points})
+    return machine.model_copy(update={"axes": axes})
 
 
 def _with_absolute_files(machine: Machine, file: Traversable, text: str) -> Machine:

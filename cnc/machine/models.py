@@ -18,6 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, FiniteFloat, WithJsonSchema
 
+from cnc.kinematics.compensation import Compensation, leaning_axes
+from cnc.machine.compensation import ErrorTable, Squareness, screw
 from cnc.machine.kinematics import Cartesian, KinematicsTable, OfJoints
 from cnc.machine.klipper import KlipperBoard
 from cnc.machine.program_codes import Codes, RunFile
@@ -276,6 +278,14 @@ class Header(Section):
         ),
     )
 
+    squareness: Squareness | None = Field(
+        default=None,
+        description=(
+            'Angles between the axes, such as { xy = "0.02 deg" }. The motion is corrected, so '
+            "that positions are true places."
+        ),
+    )
+
 
 class Homing(Section):
     """How an axis finds its limit switch."""
@@ -353,11 +363,33 @@ class Axis(Section):
             "Each has a limit switch of its own, by which homing squares the gantry."
         ),
     )
+    backlash: Positive | None = Field(
+        default=None,
+        description=(
+            "Play of the nut: way of the motor at a reversal until the axis moves, mm. The motor "
+            "takes it up."
+        ),
+    )
+    error_table: ErrorTable | None = Field(
+        default=None,
+        description=(
+            "Errors of the screw: a csv file with position,error, a .comp file of LinuxCNC, or "
+            "rows [position, error], mm. The motion is corrected."
+        ),
+    )
 
     @property
     def step_rate(self) -> float:
         """Steps per second at ``max_velocity``."""
         return self.max_velocity * self.steps_per_mm
+
+    def home(self, letter: str) -> float:
+        """Return where the axis is after homing, mm; 0 for an axis that cannot home."""
+        if self.homing is not None and self.homing.position is not None:
+            return self.homing.position
+        if self.travel is None:
+            return 0.0
+        return self.travel[1 if switch_end(letter, self.homing) > 0 else 0]
 
 
 def switch_end(letter: str, homing: Homing | None) -> int:
@@ -432,6 +464,13 @@ class Machine(Section):
     kind: MachineKind = Field(default="mill", description="Kind of machine.")
     diameters: bool | None = Field(
         default=None, description="Whether X is a diameter at the start of a lathe's program."
+    )
+    squareness: Squareness | None = Field(
+        default=None,
+        description=(
+            'Angles between the axes, such as { xy = "0.02 deg" }. The motion is corrected, so '
+            "that positions are true places."
+        ),
     )
     file: str = Field(default="", description="Name of the machine file.", exclude=True)
     start: dict[str, FiniteFloat] = Field(
@@ -513,7 +552,36 @@ class Machine(Section):
     def tip_columns(self) -> int:
         """Columns of the tool tip in front of those of the joints in a path; 0 without them."""
         kinematics = self.kinematics
-        return len(self.axes) if kinematics.joints or kinematics.with_tip_control else 0
+        apart = kinematics.joints or kinematics.with_tip_control or self.is_compensated
+        return len(self.axes) if apart else 0
+
+    @property
+    def is_compensated(self) -> bool:
+        """Whether the motors go to other places than the axes, because errors are compensated."""
+        return self.squareness is not None or any(
+            axis.error_table is not None or axis.backlash is not None for axis in self.axes.values()
+        )
+
+    @property
+    def compensation(self) -> Compensation:
+        """The places of the motors of a machine with a motor for each axis.
+
+        Raises:
+            TableError: An error table is not that of a screw.
+        """
+        names = self.axis_names
+        leaning = np.eye(len(names))
+        if self.squareness is not None:
+            among_three = leaning_axes(**self.squareness.given)
+            own = [names.index(letter) for letter in "xyz" if letter in names]
+            three = ["xyz".index(names[column]) for column in own]
+            leaning[np.ix_(own, own)] = among_three[np.ix_(three, three)]
+        screws = {
+            column: screw(axis.error_table, axis.backlash)
+            for column, axis in enumerate(self.axes.values())
+            if axis.error_table is not None or axis.backlash is not None
+        }
+        return Compensation(leaning, screws)
 
     @property
     def has_joints_as_axes(self) -> bool:
@@ -523,9 +591,38 @@ class Machine(Section):
     @property
     def of_joints(self) -> Machine:
         """The machine whose axes are the joints, for what lies behind the plan: pulses, boards."""
+        if self.is_compensated:
+            return self.model_copy(update={"axes": self._motors, "squareness": None})
         if self.kinematics.with_tip_control:
             return self.model_copy(update={"kinematics": Cartesian()})
         if not self.kinematics.joints:
             return self
         update = {"axes": self.joint_tables, "kinematics": OfJoints(), "joints": {}}
         return self.model_copy(update=update)
+
+    @property
+    def plays_at_home(self) -> dict[str, float]:
+        """Play of the nut of each axis with backlash, where it is after homing, mm."""
+        if not self.is_compensated:
+            return {}
+        home = np.array([[axis.home(letter) for letter, axis in self.axes.items()]])
+        compensation = self.compensation
+        down = compensation.motors_at(home, dict.fromkeys(compensation.screws, -1.0))
+        plays = (compensation.motors_at(home) - down)[0].tolist()
+        return {letter: play for letter, play in zip(self.axes, plays, strict=True) if play}
+
+    @property
+    def _motors(self) -> dict[AxisLetter, Axis]:
+        """The motors behind the compensation: where they are at home, the tip is."""
+        home = [axis.home(letter) for letter, axis in self.axes.items()]
+        motors = self.compensation.motors_at(np.array([home]))[0].tolist()
+        tables: dict[AxisLetter, Axis] = {}
+        for (letter, axis), place in zip(self.axes.items(), motors, strict=True):
+            changes: dict[str, Any] = {"error_table": None, "backlash": None}
+            if axis.travel is not None:
+                shift = place - axis.home(letter)
+                changes["travel"] = (axis.travel[0] + shift, axis.travel[1] + shift)
+            if axis.homing is not None and axis.homing.position is not None:
+                changes["homing"] = axis.homing.model_copy(update={"position": place})
+            tables[letter] = axis.model_copy(update=changes)
+        return tables

@@ -311,12 +311,14 @@ class Answer:
 
     Attributes:
         values: None before the block is carried out, and in a run without a board.
+        of_joints: Whether the position in it is that of the joints, as a board counts it.
     """
 
-    __slots__ = ("values",)
+    __slots__ = ("of_joints", "values")
 
     def __init__(self) -> None:
         self.values: tuple[float, ...] | None = None
+        self.of_joints = False
 
 
 WaitMode = Literal["immediate", "rise", "fall", "high", "low"]

@@ -31,6 +31,7 @@ from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
 from cnc.planner.window import SLICE
 from cnc.pulses.reference_pulse import ReferencePulse
+from cnc.session.nut_sides import ending_pushed_up
 from cnc.session.pipeline import path_of
 from cnc.session.run_pulses import Outcome, Progress, execute
 
@@ -255,14 +256,16 @@ def jog(
             watched=[not closed for closed in board.switches],
             known=[steps is not None or not machine.can_home for steps in counted],
         )
+    report = on_progress or (lambda _: None)
     # A joint may be faster than the tool.
     board.prepare_jog(math.inf if machine.kinematics.joints else feed)
+    tips = joints.tips_from(joints.at(start))
     return execute(
         _until_held(planner.plan(path)),
         board,
-        pulses,
+        ending_pushed_up(pulses, joints),
         control=control,
-        on_progress=on_progress,
+        on_progress=lambda progress: report(progress.of_tip(tips)),
         ramp_down=planner.ramp_down,
     )
 

@@ -290,9 +290,7 @@ class PulseMachine:
 
     def of_progress(self, progress: Progress) -> Readings:
         """Return the position that the board plays now."""
-        if progress.position is None:
-            return Readings(self._by_axis(self.tip()), "held" if progress.held else "running")
-        tip = self._joints.tip(np.array(progress.position))
+        tip = self.tip() if progress.position is None else np.array(progress.position)
         return Readings(self._by_axis(tip), "held" if progress.held else "running")
 
     def poll(self) -> None:

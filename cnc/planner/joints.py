@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kinematics.base import Kinematics, Point
 from cnc.kinematics.five_axis import FiveAxis
 from cnc.kinematics.interval import Interval
 from cnc.kinematics.orientation import Swing, angles_of, swing
 from cnc.kinematics.series import Series, Term
 from cnc.machine.models import Machine
-from cnc.model.blocks import ROTARY_LETTERS, Block, TipControl
+from cnc.model.blocks import ROTARY_LETTERS, Answer, Block, Probe, TipControl
 from cnc.model.diagnostics import Diagnostic, MachineFileError, MotionLimitError
 from cnc.path.chunk import PathChunk
 from cnc.path.kernels.curve import LINE, METRICS, SPAN, START, U0, U1
 from cnc.planner.corners import CornerBlending
+from cnc.planner.joint_map import JointMap
 from cnc.planner.kernels.joint_records import (
     LARGEST_TABLE,
     ORDER,
@@ -28,7 +28,9 @@ from cnc.planner.kernels.joint_records import (
     write_joint_records,
 )
 from cnc.planner.limits import Limits
-from cnc.planner.tip_series import Parts, tip_series
+from cnc.planner.roots import roots
+from cnc.planner.take_up import Play, Sides, TakeUp, part_lengths, plays_of
+from cnc.planner.tip_series import Parts, joined, tip_series
 
 Ints = NDArray[np.int64]
 
@@ -53,6 +55,7 @@ class Joints:
             where the axes are the joints.
         tip_axes: Letters of the axes, which are the columns of a tip.
         linear: Whether the joints are a linear function of the tip.
+        home_alone: Whether each joint has a switch and homes alone.
         short_legs: Most vertices in a row with short legs in a polygon whose legs stay straight;
             None where the ramps beside a stop are not straight. Where the jerk of an axis is
             limited, one motion passes several corners, so it is SHORT_LEGS; else blends need longer
@@ -64,11 +67,14 @@ class Joints:
         self.machine = machine.of_joints
         self.tip_axes = machine.axis_names
         self._map: JointMap | None = None
+        self._plays: dict[int, Play] = {}
         if machine.tip_columns:
             self._map = JointMap.of(machine)
+            self._plays = plays_of(machine)
             self._limits = Limits.of_tip(machine)
         self.tip_columns = machine.tip_columns
         self.linear = self._map is None or self._map.linear
+        self.home_alone = not self.linear or machine.is_compensated
         self.short_legs: int | None = None
         if self.linear:
             by_axis = any(axis.max_jerk is not None for axis in machine.axes.values())
@@ -128,6 +134,60 @@ class Joints:
         """Return the tips (n, axes) at positions of the joints (n, joints); mm, degrees."""
         return joints if self._map is None else self._map.forward(joints)
 
+    @property
+    def has_play(self) -> bool:
+        """Whether an axis has backlash. At rest between programs, motors push all nuts up."""
+        return bool(self._plays)
+
+    def sides_at(self, columns: Floats) -> dict[int, float]:
+        """Return the sides of the nuts, by column, at a place of a path (columns,)."""
+        tip, joints = columns[: self.tip_columns], columns[self.tip_columns :]
+        up, down = (
+            self._with_sides(dict.fromkeys(self._plays, side)).inverse(tip[None])[0]
+            for side in (1.0, -1.0)
+        )
+        return {
+            k: float(np.clip((2.0 * joints[k] - up[k] - down[k]) / (up[k] - down[k]), -1.0, 1.0))
+            for k in self._plays
+        }
+
+    def tip_on(self, joints: Floats, sides: Mapping[int, float]) -> Floats:
+        """Return the tip (axes,) at joints (joints,) whose nuts have sides; mm, degrees."""
+        tip: Floats = self._with_sides(sides).forward(joints[None])[0]
+        return tip
+
+    def _with_sides(self, sides: Mapping[int, float]) -> JointMap:
+        assert self._map is not None
+        return self._map.with_sides({k: np.array([side]) for k, side in sides.items()})
+
+    def tips_from(self, start: Floats) -> Callable[[Floats], Floats]:
+        """Return a function that gives the tips (n, axes) at joints (n, joints), in order.
+
+        It follows the nuts from place to place. A nut that turned twice between two places is off
+        by its backlash at most, until it has moved so far.
+
+        Args:
+            start: The joints before the first place (joints,), whose nuts are pushed up.
+        """
+        if self._map is None or not self._plays:
+            return self.tips
+        joint_map, nuts, before = self._map, dict.fromkeys(self._plays, 1.0), start
+
+        def tips(joints: Floats) -> Floats:
+            nonlocal before
+            sides: dict[int, Series | Floats] = {}
+            for k, play in self._plays.items():
+                side, followed = nuts[k], []
+                moves = np.diff(joints[:, k], prepend=before[k]) * (2.0 / play.largest)
+                for move in moves.tolist():
+                    side = min(max(side + move, -1.0), 1.0)
+                    followed.append(side)
+                nuts[k], sides[k] = side, np.array(followed)
+            before = joints[-1]
+            return joint_map.with_sides(sides).forward(joints)
+
+        return tips
+
     def with_tool(self, offset: tuple[float, float, float] | None) -> Joints:
         """Return the joints under tool-tip control, or without it for None.
 
@@ -159,7 +219,8 @@ class Joints:
             return stream
 
         joints = self.at(start)
-        return JointPath(self._map, start, joints, self._limits, leaves=certain).passed(stream)
+        path = JointPath(self._map, start, joints, self._limits, self._plays, leaves=certain)
+        return path.passed(stream)
 
 
 class ToolTipOf:
@@ -217,129 +278,6 @@ class ToolTipOf:
         return here[tilt] * self._signs[0], here[turn] * self._signs[1]
 
 
-# All joints of a machine: those of its kinematics, and the axes that are joints themselves.
-
-
-class JointMap:
-    """Joints in the order of :attr:`cnc.machine.models.Machine.joint_tables`.
-
-    Args:
-        kinematics: relates the taken axes and the joints ``own``.
-        taken: columns of the axes that the kinematics takes.
-        own: columns of its joints.
-        others: columns of the axes that are joints themselves.
-        names: names of all joints.
-
-    Attributes:
-        names: of the joints.
-        columns: names of the joints' columns in a path.
-        turning: (joints,): whether a joint comes to the same place after 360 degrees.
-        linear: whether the joints are a linear function of the tip.
-        angular: whether the unit of each joint is the degree.
-    """
-
-    def __init__(
-        self,
-        kinematics: Kinematics,
-        taken: Sequence[int],
-        own: Sequence[int],
-        others: Sequence[int],
-        names: Sequence[str],
-    ) -> None:
-        self._kinematics, self._taken, self._own = kinematics, tuple(taken), tuple(own)
-        self._others = tuple(others)
-        self._rest = tuple(k for k in range(len(names)) if k not in self._own)
-        self.names = tuple(names)
-        self.columns = tuple(f"joint {name}" for name in names)
-        self.linear = kinematics.linear
-        self._table: FiveAxis | None = None
-        self._letters: tuple[str, ...] = ()
-        self.turning = np.zeros(len(names), np.bool_)
-        self.turning[list(own)] = kinematics.turning
-        turns = dict(zip(own, kinematics.angular or kinematics.turning, strict=True))
-        self.angular = tuple(
-            turns.get(k, name in ROTARY_LETTERS) for k, name in enumerate(self.names)
-        )
-
-    @classmethod
-    def of(cls, machine: Machine) -> JointMap | None:
-        """Return the joints of a machine; None where they are the axes."""
-        table, letters = machine.kinematics, machine.axis_names
-        if isinstance(table, FiveAxis):
-            return _of_five(table, letters, None)
-        kinematics = table.formulas()
-        if kinematics is None:
-            return None
-        names, moved, joints = tuple(machine.joint_tables), table.axes, table.joints
-        return cls(
-            kinematics,
-            [letters.index(letter) for letter in moved],
-            [names.index(name) for name in joints],
-            [k for k, letter in enumerate(letters) if letter not in moved],
-            names,
-        )
-
-    def with_tool(self, offset: Point | None) -> JointMap:
-        """Return the joints under tool-tip control with a tool, or of the bare axes for None.
-
-        Args:
-            offset: of the tool along X, Y and Z, mm.
-        """
-        assert self._table is not None
-        return _of_five(self._table, self._letters, offset)
-
-    def series(self, tip: Sequence[Series]) -> list[Series]:
-        """Return the series of all joints from those of all axes."""
-        own = self._kinematics.inverse([tip[k] for k in self._taken])
-        places = dict(zip(self._own, own, strict=True))
-        places |= {k: tip[axis] for k, axis in zip(self._rest, self._others, strict=True)}
-        return [places[k] for k in range(len(self.names))]
-
-    def inverse(self, tip: Floats) -> Floats:
-        """Return the joints (m, joints) of tips (m, axes).
-
-        Values that are out of reach are not numbers. Angles lie within half a turn of 0.
-        """
-        joints = self.series([Series([column]) for column in tip.T])
-        return np.stack([np.asarray(series.terms[0]) for series in joints], axis=-1)
-
-    def leaving(self, start: Floats, end: Floats) -> tuple[NDArray[np.bool_], Floats]:
-        """Return the straight moves out of a singular pose on which the joints stay linear.
-
-        Args:
-            start: Tips at which moves begin (m, axes).
-            end: Tips at which they end.
-
-        Returns:
-            Whether each move is such a move (m,), and the joints at its start (m, joints).
-        """
-        taken = list(self._taken)
-        leaves, own = self._kinematics.leaving(start[:, taken], end[:, taken])
-        joints = np.empty((len(start), len(self.names)))
-        joints[:, list(self._own)] = own
-        joints[:, list(self._rest)] = start[:, list(self._others)]
-        return leaves, joints
-
-    def forward(self, joints: Floats) -> Floats:
-        """Return the tips (m, axes) of joints (m, joints)."""
-        tip = np.empty((len(joints), len(self._taken) + len(self._others)))
-        tip[:, self._others] = joints[:, self._rest]
-        own = self._kinematics.forward([joints[:, k] for k in self._own])
-        for axis, column in zip(self._taken, own, strict=True):
-            tip[:, axis] = column
-        return tip
-
-
-def _of_five(table: FiveAxis, letters: tuple[str, ...], offset: Point | None) -> JointMap:
-    """Return the joints of a five-axis machine; without an offset they are the axes."""
-    taken = [letters.index(letter) for letter in table.tip_axes]
-    kinematics = table.formulas() if offset is None else table.with_tool(offset)
-    others = [k for k in range(len(letters)) if k not in taken]
-    joints = JointMap(kinematics, taken, taken, others, letters)
-    joints._table, joints._letters = table, letters
-    return joints
-
-
 # The path of the joints beside that of the tool tip.
 #
 #     chunk: x y z  ->  parts  ->  series of tip and joints  ->  chunk: x y z | a b c
@@ -373,6 +311,12 @@ SAME_ANGLE = 1e-6
 """Angles that differ by less are the same, degrees."""
 
 
+AllSides = Mapping[int, Sides]
+"""Sides of the nuts, by the column of their axis."""
+NO_SIDES: AllSides = {}
+BEGIN, END = Sides._fields.index("begin"), Sides._fields.index("end")
+
+
 class JointPath:
     """Adds the columns of the joints to a path.
 
@@ -381,16 +325,25 @@ class JointPath:
         tip: (axes,): the tip before the path, mm or degrees.
         start: (joints,): the joints before the path, mm or degrees.
         limits: of the tip, for the choice of blends at its corners.
+        plays: plays of nuts by the column of their axis.
         leaves: whether the joints are certain where the path begins in a singular pose.
     """
 
     def __init__(
-        self, joints: JointMap, tip: Floats, start: Floats, limits: Limits, *, leaves: bool
+        self,
+        joints: JointMap,
+        tip: Floats,
+        start: Floats,
+        limits: Limits,
+        plays: Mapping[int, Play],
+        *,
+        leaves: bool,
     ) -> None:
         self._joints = joints
         self._tip: Floats | None = tip
         self._now = start
         self._leaves = leaves
+        self._take_up = TakeUp(plays) if plays else None
         # A blend of the tip becomes a smooth path of joints. Where these are linear, blends are
         # made of their straight moves, which ramps may replace.
         self._blending = CornerBlending(limits, ramps=False, where=lambda: not self._joints.linear)
@@ -402,18 +355,35 @@ class JointPath:
             MotionLimitError: ``out-of-reach``, or ``singular-pose`` where a joint has no place, or
                 no bounded speed, on the path.
         """
+        answer: Answer | None = None
         for item in self._blending.blended(stream):
             if isinstance(item, PathChunk):
                 yield self._with_joints(item)
-                continue
-            if isinstance(item, TipControl):
-                self._joints = self._joints.with_tool(item.offset)
-            yield item
+            else:
+                if isinstance(item, TipControl):
+                    self._joints = self._joints.with_tool(item.offset)
+                yield item
+                answer = item.answer if isinstance(item, Probe) else None
+            # The path behind the move of a probe is read after this.
+            if answer is not None and answer.of_joints:
+                self._take_contact(answer)
+
+    def _take_contact(self, answer: Answer) -> None:
+        """Give the answer of a probe the tip, from the joints that the board has counted."""
+        assert answer.values is not None
+        contact, *joints = answer.values
+        there = self._joints
+        if self._take_up is not None:
+            there = there.with_sides({k: np.array([s]) for k, s in self._take_up.sides.items()})
+        tip = there.forward(np.array([joints]))[0]
+        answer.values, answer.of_joints = (contact, *tip.tolist()), False
 
     def _with_joints(self, path: PathChunk) -> PathChunk:
         leaving, joints = self._leaving(path)
-        parts = self._parts(path, leaving)
-        pieces = self._pieces(path, parts, leaving, joints)
+        parts, sides = self._parts(path, leaving), NO_SIDES
+        if self._take_up is not None:
+            parts, sides = self._with_take_up(path, parts, self._take_up)
+        pieces = self._pieces(path, parts, leaving, joints, sides)
         self._tip = None
         data, at, length = _records(pieces)
         piece = parts.piece
@@ -465,7 +435,7 @@ class JointPath:
         shortest = SHORTEST * (u1 - u0)
         open_parts = Parts(np.arange(len(path)), u0.copy(), u1.copy())
         done: list[Parts] = []
-        whole = (path.kind == LINE) & self._joints.linear | leaving
+        whole = (path.kind == LINE) & self._joints.straight | leaving
         done.append(open_parts.of(whole))
         open_parts = open_parts.of(~whole)
         while len(open_parts.piece):
@@ -481,18 +451,66 @@ class JointPath:
             narrow = rest.last - rest.first < shortest[rest.piece]
             if narrow.any():
                 self._refuse(path, rest.of(narrow))
-            with np.errstate(over="ignore", invalid="ignore"):
-                wanted = np.ceil(1.1 * (error / ACCURACY) ** 0.125)
-            wanted = np.where(np.isfinite(wanted), np.clip(wanted, 2, MOST_PARTS), 2)
-            open_parts = _cut(rest, wanted.astype(np.int64))
-        piece, first, last = (np.concatenate(column) for column in zip(*done, strict=True))
-        order = np.lexsort((first, piece))
-        return Parts(piece[order], first[order], last[order])
+            border = self._borders(path, rest)
+            crosses = ~np.isnan(border)
+            halves, rest, error = rest.of(crosses), rest.of(~crosses), error[~crosses]
+            open_parts = joined(
+                _cut(rest, _wanted(error)),
+                halves._replace(last=border[crosses]),
+                halves._replace(first=border[crosses]),
+            )
+        return joined(*done).in_order
 
-    def _remainder(self, path: PathChunk, parts: Parts) -> Floats:
+    def _with_take_up(
+        self, path: PathChunk, parts: Parts, take_up: TakeUp
+    ) -> tuple[Parts, AllSides]:
+        """Return the parts with the sides of the nuts, cut until the polynomials are exact."""
+        u0, u1 = path.data[path.at + U0], path.data[path.at + U1]
+        shortest = SHORTEST * SHORTEST * (u1 - u0)
+        parts, courses = take_up.courses(path, parts)
+        while True:
+            windows = [course.window for course in courses.values()]
+            inside = np.flatnonzero((np.array(windows) >= 0).any(axis=0))
+            lengths = np.zeros(len(parts.piece))
+            lengths[inside] = part_lengths(path, parts.of(inside))
+            sides = {axis: course.sides(lengths) for axis, course in courses.items()}
+            if not len(inside):
+                return parts, sides
+            some = parts.of(inside)
+            error = self._remainder(path, some, {k: s.of(inside) for k, s in sides.items()})
+            far = error > ACCURACY
+            if not far.any():
+                return parts, sides
+            narrow = far & (some.last - some.first < shortest[some.piece])
+            if narrow.any():
+                self._refuse(path, some.of(narrow))
+            counts = np.ones(len(parts.piece), np.int64)
+            counts[inside[far]] = _wanted(error[far])
+            parts = _cut(parts, counts)
+            courses = {axis: course.repeated(counts) for axis, course in courses.items()}
+
+    def _borders(self, path: PathChunk, parts: Parts) -> Floats:
+        """Return the parameters (m,) at which parts cross a border of their formulas, or NaN."""
+        weights, places = self._joints.border(
+            self._tips(path, parts.starts), self._tips(path, parts.ends)
+        )
+        borders = np.full(len(places), np.nan)
+        crossing = np.flatnonzero(~np.isnan(places))
+        some, row, place = parts.of(crossing), weights[crossing], places[crossing]
+
+        def beyond(u: Floats) -> Floats:
+            tips = self._tips(path, Parts(some.piece, u, u))
+            distance: Floats = (row * tips).sum(axis=1) - place
+            return distance
+
+        borders[crossing] = roots(beyond, some.first, some.last)
+        return borders
+
+    def _remainder(self, path: PathChunk, parts: Parts, sides: AllSides = NO_SIDES) -> Floats:
         """Return a bound on the distance of the polynomials from the motion (m,), mm or degrees."""
         tip = tip_series(path, parts, ORDER, bounds=True)
-        joints = self._joints.series(tip)
+        shares = {axis: Interval(side.begin, side.end) for axis, side in sides.items()}
+        joints = _sided(self._bound_to(path, parts), tip, sides, shares).series(tip)
         worst = np.zeros(len(parts.piece))
         for series in (*tip, *joints):
             worst = np.maximum(worst, _size(series.terms[ORDER]))
@@ -540,7 +558,12 @@ class JointPath:
         return np.stack([np.asarray(axis.terms[0]) for axis in series], axis=-1)
 
     def _pieces(
-        self, path: PathChunk, parts: Parts, leaving: NDArray[np.bool_], joints: Floats
+        self,
+        path: PathChunk,
+        parts: Parts,
+        leaving: NDArray[np.bool_],
+        joints: Floats,
+        sides: AllSides,
     ) -> JointPieces:
         """Return the pieces of all parts.
 
@@ -549,14 +572,20 @@ class JointPath:
             parts: its parts.
             leaving: whether each piece leaves a singular pose (pieces,).
             joints: the joints at the start of these pieces (pieces, joints).
+            sides: the sides of the nuts on the parts, by the column of their axis.
         """
         at = path.at[parts.piece]
         straight = leaving[parts.piece]
-        if self._joints.linear:
+        if self._joints.straight:
             straight = path.kind[parts.piece] == LINE
-        left = self._columns(tip_series(path, parts.starts, 3, bounds=False))
-        right = self._columns(tip_series(path, parts.ends, 3, bounds=False))
-        self._take_exact_ends(path, parts, left, right)
+            for side in sides.values():
+                straight &= ~side.changes
+        bound = self._bound_to(path, parts)
+        tips = [tip_series(path, ends, 3, bounds=False) for ends in (parts.starts, parts.ends)]
+        shares = [{axis: side[k] for axis, side in sides.items()} for k in (BEGIN, END)]
+        left = _columns(_sided(bound, tips[0], sides, shares[0]), tips[0])
+        right = _columns(_sided(bound, tips[1], sides, shares[1]), tips[1])
+        self._take_exact_ends(path, parts, left, right, sides)
         alone = np.flatnonzero(leaving[parts.piece])
         left[0][alone, len(path.axes) :] = joints[parts.piece[alone]]
         self._count_turns(left, right)
@@ -576,23 +605,26 @@ class JointPath:
             form,
         )
 
-    def _columns(self, tip: list[Series]) -> Floats:
-        """Return the terms of tip and joints (4, m, columns)."""
-        every = (*tip, *self._joints.series(tip))
-        return np.stack([np.stack([np.asarray(t) for t in s.terms]) for s in every], axis=-1)
+    def _bound_to(self, path: PathChunk, parts: Parts) -> JointMap:
+        """Return the joints on these parts of the path."""
+        three = (parts.starts, parts.middles, parts.ends)
+        return self._joints.bound_to(*(self._tips(path, places) for places in three))
 
-    def _take_exact_ends(self, path: PathChunk, parts: Parts, left: Floats, right: Floats) -> None:
+    def _take_exact_ends(
+        self, path: PathChunk, parts: Parts, left: Floats, right: Floats, sides: AllSides
+    ) -> None:
         """Replace the positions at the ends of pieces by those of the records."""
         axes = len(path.axes)
         at = path.at[parts.piece]
-        for places, u, ends, first in (
-            (left, parts.first, path.data[at + U0], START),
-            (right, parts.last, path.data[at + U1], START + axes),
+        for places, u, ends, first, share in (
+            (left, parts.first, path.data[at + U0], START, BEGIN),
+            (right, parts.last, path.data[at + U1], START + axes, END),
         ):
             exact = np.flatnonzero(u == ends)
             tip = path.data[at[exact][:, None] + np.arange(first, first + axes)]
             places[0][exact, :axes] = tip
-            places[0][exact, axes:] = self._joints.inverse(tip)
+            there = {axis: side.at(side[share])[exact] for axis, side in sides.items()}
+            places[0][exact, axes:] = self._joints.with_sides(there).inverse(tip)
 
     def _count_turns(self, left: Floats, right: Floats) -> None:
         """Add whole turns to the angles, so that each part goes on where the last one ended."""
@@ -606,6 +638,30 @@ class JointPath:
             a += TURN * turns
             b += TURN * (turns + inside)
         self._now = right[0][-1, axes:].copy()
+
+
+def _wanted(error: Floats) -> Ints:
+    """Return into how many parts to cut parts with these errors (m,)."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        wanted = np.ceil(1.1 * (error / ACCURACY) ** 0.125)
+    return np.where(np.isfinite(wanted), np.clip(wanted, 2, MOST_PARTS), 2).astype(np.int64)
+
+
+def _sided(
+    joints: JointMap, tip: list[Series], sides: AllSides, shares: Mapping[int, Floats | Interval]
+) -> JointMap:
+    """Return the joints with the sides of the nuts at shares of their windows."""
+    series: dict[int, Series | Floats] = {
+        axis: side.series(tip, shares[axis]) if side.changes.any() else side.before
+        for axis, side in sides.items()
+    }
+    return joints.with_sides(series) if series else joints
+
+
+def _columns(joints: JointMap, tip: list[Series]) -> Floats:
+    """Return the terms of tip and joints (4, m, columns)."""
+    every = (*tip, *joints.series(tip))
+    return np.stack([np.stack([np.asarray(t) for t in s.terms]) for s in every], axis=-1)
 
 
 def _words(axes: Sequence[str], position: Floats) -> str:

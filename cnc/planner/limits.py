@@ -68,7 +68,8 @@ class Limits:
         tip: list[tuple[float, float] | None] = [None] * tip_columns
         if not machine.kinematics.with_tip_control:
             tip = [axis.travel for axis in machine.axes.values()][:tip_columns]
-        own = [None if joint.wrap else joint.travel for joint in joints]
+        # The travel of compensated axes is that of the tip: true places.
+        own = [None if joint.wrap or machine.is_compensated else joint.travel for joint in joints]
         travel = [span or (-inf, inf) for span in (*tip, *own)]
         path = machine.path
         return cls(

@@ -42,6 +42,17 @@ class Parts(NamedTuple):
         return Parts(self.piece[which], self.first[which], self.last[which])
 
     @property
+    def in_order(self) -> Parts:
+        """The parts in the order of the path."""
+        return self.of(np.lexsort((self.first, self.piece)))
+
+    @property
+    def middles(self) -> Parts:
+        """The places in the middle of each part."""
+        middle = 0.5 * (self.first + self.last)
+        return Parts(self.piece, middle, middle)
+
+    @property
     def starts(self) -> Parts:
         """The places at the start of each part."""
         return Parts(self.piece, self.first, self.first)
@@ -50,6 +61,12 @@ class Parts(NamedTuple):
     def ends(self) -> Parts:
         """The places at the end of each part."""
         return Parts(self.piece, self.last, self.last)
+
+
+def joined(*several: Parts) -> Parts:
+    """Return several parts as one."""
+    piece, first, last = (np.concatenate(column) for column in zip(*several, strict=True))
+    return Parts(piece, first, last)
 
 
 def tip_series(path: PathChunk, parts: Parts, order: int, *, bounds: bool) -> list[Series]:

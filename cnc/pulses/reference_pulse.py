@@ -73,10 +73,11 @@ class ReferencePulse:
         self._origin = self._grid.copy()
         self.min_pulse_ns = min_pulse_ns
         self._min_row_ns = 0.0 if separate_axes else min_pulse_ns
-        self._algorithm = CODES[algorithm]
+        self._algorithm, self._chosen = CODES[algorithm], algorithm
         self._last_ns = 0
         self._released_ns = -(2**62)
         self._latest: PlanChunk | None = None
+        self._left: NDArray[np.float64] | None = None
         self._error = 0.0
         self._filled = 0
         axes = len(self._grid)
@@ -86,6 +87,16 @@ class ReferencePulse:
             np.empty(ROWS, dtype=np.int32),
             np.full(axes, -1, dtype=np.int64),
             np.zeros(axes, dtype=np.int64),
+        )
+
+    def of_joints(self) -> ReferencePulse:
+        """Return a new interpolator for a path that has the columns of the joints alone."""
+        return ReferencePulse(
+            self.steps_per_mm[self._stepping],
+            np.zeros(len(self.origin_steps)),
+            self.min_pulse_ns,
+            algorithm=self._chosen,
+            separate_axes=self._min_row_ns < self.min_pulse_ns,
         )
 
     @property
@@ -172,7 +183,12 @@ class ReferencePulse:
         made up for.
         """
         self._grid[self._stepping] = grid
-        self._latest = None
+        self._left, self._latest = self.end, None
+
+    @property
+    def end(self) -> NDArray[np.float64] | None:
+        """All columns of the path where its plan ends so far (columns,); None before a plan."""
+        return self._left if self._latest is None else _end_of(self._latest)
 
     def settle(self) -> Iterator[PulseChunk]:
         """Yield the last move, after the end of the path.
@@ -183,14 +199,7 @@ class ReferencePulse:
         chunk = self._latest
         if chunk is None:
             return
-        kind, at = int(chunk.path.kind[-1]), int(chunk.path.at[-1])
-        end = np.empty((4, len(self._grid)))
-        u = curve_range(kind, chunk.path.data, at)[1]
-        if chunk.phase_s[-1] < chunk.piece_s[-1] - kernel.SNAP:
-            # The motion was stopped inside the piece.
-            u = curve_inv_arclen(kind, chunk.path.data, at, chunk.phase_s[-1] - chunk.piece_s[-2])
-        curve_eval(kind, chunk.path.data, at, u, end)
-        target = np.rint(end[0] * self.steps_per_mm).astype(np.int64)
+        target = np.rint(_end_of(chunk) * self.steps_per_mm).astype(np.int64)
         while (self._grid != target).any():
             step = np.sign(target - self._grid)
             self._grid += step
@@ -204,3 +213,16 @@ class ReferencePulse:
                 step[None, self._stepping].astype(np.int8),
                 chunk.path.line[-1:].copy(),
             )
+
+
+def _end_of(chunk: PlanChunk) -> NDArray[np.float64]:
+    """Return the columns of the path at the end of a chunk of the plan (columns,)."""
+    kind, at = int(chunk.path.kind[-1]), int(chunk.path.at[-1])
+    end = np.empty((4, len(chunk.path.axes)))
+    u = curve_range(kind, chunk.path.data, at)[1]
+    if chunk.phase_s[-1] < chunk.piece_s[-1] - kernel.SNAP:
+        # The motion was stopped inside the piece.
+        u = curve_inv_arclen(kind, chunk.path.data, at, chunk.phase_s[-1] - chunk.piece_s[-2])
+    curve_eval(kind, chunk.path.data, at, u, end)
+    columns: NDArray[np.float64] = end[0]
+    return columns

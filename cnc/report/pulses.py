@@ -56,6 +56,7 @@ class NpzPulses(Writer[NpzTarget]):
         target, machine = self._target, joints.machine
         self._joints, self._scale = joints, machine.steps_per_mm
         self._grid = np.array(origin_steps, np.int64)
+        self._tips = joints.tips_from(self._grid / self._scale)
         target.append("time_ns", np.empty(0, np.int64))
         target.append("step", np.empty((0, len(machine.axes)), np.int8))
         target.append("line", np.empty(0, np.int32))
@@ -76,11 +77,12 @@ class NpzPulses(Writer[NpzTarget]):
             self._grid = grid[-1]
             position = grid / self._scale
             self._target.append("position", position)
-            self._target.append("tip", self._joints.tips(position))
+            self._target.append("tip", self._tips(position))
 
     def control_tip(self, block: TipControl) -> None:
         """Take the tool for the tips of the rows behind."""
         self._joints = self._joints.with_tool(block.offset)
+        self._tips = self._joints.tips_from(self._grid / self._scale)
 
 
 class VcdPulses(Writer[TextTarget]):

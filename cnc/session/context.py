@@ -18,14 +18,13 @@ from cnc.model.diagnostics import Diagnostic, GcodeError
 from cnc.model.operator_control import Control
 from cnc.model.streams import PulseChunk
 from cnc.planner.plan import PlanChunk
-from cnc.pulses.reference_pulse import ReferencePulse
 from cnc.report.result import Report
 from cnc.report.targets import STL_SUFFIXES, Output, check_suffixes, suffix_of
 from cnc.session.checkpoint import CheckpointWriter
 from cnc.session.options import Outputs, RunOptions
 from cnc.session.program_reader import ProgramReader
 from cnc.session.resume import PausePlace
-from cnc.session.run_pulses import Progress
+from cnc.session.run_pulses import CountingInterpolator, Progress
 
 if TYPE_CHECKING:
     from cnc.stock.simulation import Material
@@ -289,7 +288,7 @@ class Stopwatch:
 class TimedInterpolator:
     """An interpolator with a stopwatch, with the methods that the executor calls."""
 
-    def __init__(self, interpolator: ReferencePulse, stopwatch: Stopwatch) -> None:
+    def __init__(self, interpolator: CountingInterpolator, stopwatch: Stopwatch) -> None:
         self._interpolator = interpolator
         self._stopwatch = stopwatch
 

@@ -15,15 +15,16 @@ closed already: their axes do not move.
 Several motors of an axis are squared at each approach (:mod:`cnc.session.homing`).
 
 Where the joints are a linear function of the tip (CoreXY), the switches belong to the axes, and
-both motors move one axis at a time. Where they are another function (a delta), each joint has a
-switch and homes alone, so a joint needs a travel.
+both motors move one axis at a time. Where they are another function (a delta), or where errors are
+compensated, each joint has a switch and homes alone, so a joint needs a travel.
 """
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -60,6 +61,7 @@ class AxisHoming:
         settings: Settings of the machine file.
         offsets: Coordinate of each motor's switch less that of the first motor's, mm.
         angular: Whether the unit is the degree.
+        play: Play of the nut at the place of rest, mm. At the end its motor pushes it up.
     """
 
     column: int
@@ -70,6 +72,7 @@ class AxisHoming:
     settings: Homing
     offsets: tuple[float, ...] = (0.0,)
     angular: bool = False
+    play: float = 0.0
 
     @property
     def description(self) -> str:
@@ -190,7 +193,7 @@ def homed_steps(
         ],
         np.int64,
     )
-    if not joints.linear:
+    if joints.home_alone:
         for cycle in cycles:
             steps[cycle.column] = round(cycle.rest * float(scale[cycle.column]))
         return steps
@@ -450,11 +453,16 @@ class _Homing:
         tip[cycle.column] = on_grid(self.machine, cycle, cycle.rest) + cycle.towards * on_grid(
             self.machine, cycle, settings.pull_off
         )
+        take_up = cycle.play if cycle.towards > 0 else 0.0
+        tip[cycle.column] -= on_grid(self.machine, cycle, take_up)
         self.steps = np.rint(self.joints.at(tip) * self.steps_per_mm).astype(np.int64)
         self.known[cycle.column] = len(closed) == 1
         self.off(cycle)
         if len(closed) > 1:
             align(self, cycle)
+        if take_up:
+            self.go(cycle, take_up, settings.seek)
+        if len(closed) > 1:
             self.known[cycle.column] = True
             self.run(cycle)  # The board takes over the position of all motors.
 
@@ -585,6 +593,12 @@ class _Homing:
         return board_error(code, message, hint=hint)
 
 
+def _report_tip(
+    on_progress: Callable[[Progress], None], joints: Joints, progress: Progress
+) -> None:
+    on_progress(progress.of_tip(joints.tips))
+
+
 def home(
     board: PulseSink,
     machine: Machine,
@@ -621,10 +635,15 @@ def home(
         hint = "name the board that has them with --board"
         raise UsageError(Diagnostic("no-switches", message, hint=hint))
     switches, joints = len(board.switches), Joints(machine)
-    if not joints.linear:
+    report = None
+    if on_progress is not None:
+        report = partial(_report_tip, on_progress, joints)
+    plays = machine.plays_at_home
+    if joints.home_alone:
         machine, start = joints.machine, joints.at(start)
-    homing = _Homing(board, machine, control or Control(), on_progress, start, on_squared)
-    for cycle in homing_sequence(machine, homing.with_partners(axes, switches), switches):
+    homing = _Homing(board, machine, control or Control(), report, start, on_squared)
+    for planned in homing_sequence(machine, homing.with_partners(axes, switches), switches):
+        cycle = replace(planned, play=plays.get(planned.letter, 0.0))
         if on_axis is not None:
             on_axis(cycle)
         homing.home(cycle)

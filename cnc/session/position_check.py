@@ -398,7 +398,7 @@ def locate(context: SessionContext, board: PulseSink) -> None:
     counted, joints = board.known_steps, Joints(machine)
     if counted is None:
         return
-    homed_machine = machine if joints.linear else joints.machine
+    homed_machine = joints.machine if joints.home_alone else machine
     sequence = (
         homing_sequence(homed_machine, (), len(board.switches))
         if context.options.home and board.capabilities.limit_switches

@@ -22,9 +22,10 @@ from cnc.planner.window import LONG, SLICE
 from cnc.pulses.reference_pulse import ReferencePulse
 from cnc.report.pulses import PulseWriter, pulse_writer
 from cnc.session.context import SessionContext, TimedInterpolator
+from cnc.session.nut_sides import ending_pushed_up
 from cnc.session.pipeline import PathItems, PlanItems, PlannedMotion
 from cnc.session.required_capabilities import expected_capabilities, known_driver, pause_text
-from cnc.session.run_pulses import Progress, execute
+from cnc.session.run_pulses import Outcome, Progress, execute
 
 OnPulses = Callable[[PulseChunk], None]
 SEPARATE: Algorithm = "crossings"
@@ -66,6 +67,8 @@ class PulsePass:
         self._context, self._motion, self._board = context, motion, board
         self._machine, self._control = context.reader.machine, context.observer.control
         self._joints = Joints(self._machine)
+        self._scale = self._joints.machine.steps_per_mm
+        self._tips: Callable[[NDArray[np.float64]], NDArray[np.float64]] = self._joints.tips
         self._fastest = self._machine.board.max_step_rate
         can = expected_capabilities(self._machine) if board is None else board.capabilities
         if board is not None:
@@ -88,6 +91,7 @@ class PulsePass:
         """
         context, motion, board = self._context, self._motion, self._board
         interpolator = self._interpolator()
+        self._tips = self._joints.tips_from(self._joints.at(context.reader.start))
         writer: PulseWriter | None = None
         on_pulses: OnPulses | None = None
         target = context.options.outputs.pulses
@@ -101,7 +105,9 @@ class PulsePass:
         slice_s = LONG if board is None else board.capabilities.slice_s or SLICE
         planner = LookAhead(self._machine, self._control, slice_s=slice_s)
         planned = _without_tip_control(motion.recorded_plan(planner, path), writer)
-        pulses = TimedInterpolator(interpolator, motion.interpolating_time)
+        pulses = TimedInterpolator(
+            ending_pushed_up(interpolator, self._joints), motion.interpolating_time
+        )
         try:
             if board is None:
                 self._compute(planned, pulses, on_pulses)
@@ -109,7 +115,7 @@ class PulsePass:
                 if self._waits_for_operator(board):
                     planned = self._with_holds(planned)
                 before_motion()
-                self._send(planned, pulses, on_pulses, board, planner)
+                self._end(self._send(planned, pulses, on_pulses, board, planner))
         finally:
             motion.record_audit(planner)
             context.report.pulse_error_blu = interpolator.error_blu
@@ -196,15 +202,13 @@ class PulsePass:
         on_pulses: OnPulses | None,
         board: PulseSink,
         planner: LookAhead,
-    ) -> None:
+    ) -> Outcome:
         """Send the pulses; the executor brings the motion to rest after a stop request."""
-        report = self._context.report
-
         # The executor carries out stop requests from here on.
         self._planner = planner
         self._sent(Progress(0.0, 0, 0))
         try:
-            outcome = execute(
+            return execute(
                 planned,
                 board,
                 pulses,
@@ -215,14 +219,18 @@ class PulsePass:
                 laser=self._machine.kind == "laser",
             )
         except BoardError:
-            self._record_position(board.position_steps)
+            self._record_position(self._tips(board.position_steps[None] / self._scale)[0])
             raise
+
+    def _end(self, outcome: Outcome) -> None:
+        """Record the outcome of a run."""
+        report = self._context.report
         report.steps = dict(zip(self._joints.machine.axes, outcome.steps.tolist(), strict=True))
         report.pulse_rows = outcome.rows
         report.stopped_at_line = outcome.stopped_at_line
         if not outcome.finished:
             report.duration_s = outcome.duration
-            self._record_position(outcome.position_steps)
+            self._record_position(self._joints.tip(outcome.position_steps / self._scale))
 
     def _sent(self, progress: Progress) -> None:
         if self._schedule is not None:
@@ -230,11 +238,11 @@ class PulsePass:
             progress = replace(progress, left=left)
         if self._planner is not None and (pending := self._planner.pending) > 0.0:
             progress = replace(progress, pending=pending + (progress.ahead or 0.0))
-        self._context.observer.sent(replace(progress, axes=self._machine.axis_names))
+        progress = replace(progress.of_tip(self._tips), axes=self._machine.axis_names)
+        self._context.observer.sent(progress)
 
-    def _record_position(self, grid: NDArray[np.int64]) -> None:
-        """Record the position of the board after a program that did not reach its end."""
-        tip = self._joints.tip(grid / self._joints.machine.steps_per_mm)
+    def _record_position(self, tip: NDArray[np.float64]) -> None:
+        """Record the position (axes,) after a program that did not reach its end."""
         places = zip(self._machine.axes, tip.tolist(), strict=True)
         self._context.report.end_position = dict(places)
 

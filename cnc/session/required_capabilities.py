@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cnc.boards.protocols import ACTIONS, Action, Capabilities, LineSink, PulseSink
-from cnc.boards.registry import BoardFactory, board_factory
+from cnc.boards.registry import BoardFactory, board_factory, joints_on_board
 from cnc.boards.serial_port import identity
 from cnc.gcode.core.modal_groups import ReadingPolicy
 from cnc.gcode.reader.source_text import Text
@@ -338,6 +338,4 @@ def is_attended(context: SessionContext, board: Board | None) -> bool:
 def refuse_lines(machine: Machine, options: RunOptions) -> None:
     """Refuse lines for a machine with joints of its own: the board's firmware knows no joints."""
     if takes_lines(machine.board.kind) or options.outputs.lines is not None:
-        message = "a board that takes lines has its kinematics in its firmware"
-        hint = "leave [kinematics] and [joints] out of the machine file of such a board"
-        raise UsageError(Diagnostic("kinematics-on-board", message, hint=hint))
+        raise joints_on_board(machine, "a board that takes lines")

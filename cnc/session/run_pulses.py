@@ -122,6 +122,14 @@ class PulseInterpolator(Protocol):
         """Continue from a grid point (axes,) that was not planned, such as that of a contact."""
 
 
+class CountingInterpolator(PulseInterpolator, Protocol):
+    """An interpolator that counts steps."""
+
+    @property
+    def steps_made(self) -> NDArray[np.int64]:
+        """Number of steps of each axis (axes,) in all pulses so far."""
+
+
 @dataclass(frozen=True, slots=True)
 class Progress:
     """Progress of a run.
@@ -166,6 +174,13 @@ class Progress:
     feed: float | None = None
     tool: int | None = None
     pending: float = 0.0
+
+    def of_tip(self, tips: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> Progress:
+        """Return the progress with the position of the axes, from that of the joints."""
+        if self.position is None:
+            return self
+        tip = tips(np.array([self.position]))[0]
+        return replace(self, position=tuple(tip.tolist()))
 
 
 @dataclass(frozen=True, slots=True)
@@ -282,6 +297,7 @@ class _Run:
         contact = self.board.probe_result()
         reply = reply if contact is None else contact
         block.answer.values = reply
+        block.answer.of_joints = contact is not None
         if reply is not None:
             self.interpolator.stand_at(self.board.position_steps)
         if block.must and reply is not None and not reply[0]:
@@ -446,6 +462,8 @@ def _run_program(
         if ramp_down is not None and not run.at_rest:
             for chunk in ramp_down():
                 run.motion(chunk)
+        if ramp_down is not None:
+            run.settle()
         board.stop()
         return run.outcome(stopped=True)
     run.settle()

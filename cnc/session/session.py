@@ -157,7 +157,7 @@ class RunRecord:
                 # The lines before were done by an earlier run.
                 line=context.first_line or 0,
             )
-            context.observer.checkpoint = CheckpointWriter(first, machine.of_joints.axis_names)
+            context.observer.checkpoint = CheckpointWriter(first, machine.axis_names)
 
     def end(self, ended: str, position: Mapping[str, float], line: int | None = None) -> None:
         """Complete the records.
@@ -299,7 +299,7 @@ class Session:
             message = "--stl writes the cut part, but there is no stock"
             hint = "give --stock X0:100,Y0:60,Z-12:0, or a table [stock] in the machine file"
             raise UsageError(Diagnostic("stock-missing", message, hint=hint))
-        if machine.kinematics.joints:
+        if machine.kinematics.joints or machine.is_compensated:
             refuse_lines(machine, options)
         name = display_name(program)
         self.report = Report(name, machine, limits=Extremes.limits(machine))

@@ -14,7 +14,8 @@ from cnc.kinematics.five_axis import FiveAxis
 from cnc.kinematics.interval import Interval
 from cnc.kinematics.series import Series
 from cnc.machine.models import Axis, Board, Machine, PathLimits, Program
-from cnc.planner.joints import JointMap, ToolTipOf
+from cnc.planner.joint_map import JointMap
+from cnc.planner.joints import ToolTipOf
 from tests.support.five_axis import TYPES, five_axis_machine, table_of, tip_of
 from tests.support.gcode.gcode_cases import error_of, run
 from tests.support.paths import ROOT

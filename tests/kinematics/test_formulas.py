@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from cnc.kinematics.interval import Interval, atan2, cosine
 from cnc.kinematics.series import Series
-from cnc.planner.joints import JointMap
+from cnc.planner.joint_map import JointMap
 from tests.support.kinematics import MIDDLE, TABLES, machine_of, misfit
 
 ORDER = 8
