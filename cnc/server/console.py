@@ -16,7 +16,7 @@ from concurrent.futures import BrokenExecutor, Future
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from cnc.machine.height_map import HeightMap, save_height_map
 from cnc.machine.load import with_stock
@@ -38,10 +38,13 @@ from cnc.server.checking import (
     prepare,
     repair_job,
     sketch_job,
+    typed_findings,
 )
-from cnc.server.library import OWN, Library, Run, TextLines
+from cnc.server.library import OWN, Library, Run, TextLines, checked
 from cnc.session.options import RunOptions
 from cnc.session.repairs import Place
+
+T = TypeVar("T")
 
 # Control of the machine: one client has it, the others watch.
 
@@ -381,10 +384,20 @@ class Console:
     async def _repair(self, order: RepairOrder) -> dict[str, Any]:
         with self._lock:
             future = self._workers().pool.submit(repair_job, order)
+        return await self._of_process(future)
+
+    async def typed(self, name: str, text: str) -> list[dict[str, Any]]:
+        """Return the findings of a text as it is typed, see :func:`typed_findings`."""
+        order = await asyncio.to_thread(self._order, checked(name))
+        with self._lock:
+            future = self._workers().sketches.submit(typed_findings, order, text)
+        return await self._of_process(future)
+
+    async def _of_process(self, future: Future[T]) -> T:
+        """Return the result of a process; the next order begins with a new one if it has died."""
         try:
             return await asyncio.wrap_future(future)
         except BrokenExecutor:
-            # The next order begins with a new process.
             with self._lock:
                 self._checker = None
             raise
@@ -544,6 +557,10 @@ class Console:
     def jobs_changed(self) -> None:
         """Tell the clients that the library has changed."""
         self.hub.publish_object({"event": "jobs", "time": time.time()})
+
+    def macros_changed(self) -> None:
+        """Tell the clients that a macro has changed."""
+        self.hub.publish_object({"event": "macros", "time": time.time()})
 
     def _control_changed(self, holder: str | None) -> None:
         self.session.ask(OperatorSession.release_jog)

@@ -39,6 +39,8 @@ def x_of(console):
         ("POST", "/api/zero", {"axes": {"x": 0}}),
         ("POST", "/api/mdi", {"line": "G0 X1"}),
         ("POST", "/api/macros/a.ngc/run", {}),
+        ("PUT", "/api/macros/a.ngc", {"text": "G0 X1\nM2\n"}),
+        ("DELETE", "/api/macros/a.ngc", None),
         ("POST", "/api/probing/probe_z/run", {}),
         ("POST", "/api/height-maps/plate/probe", {"x": [0, 9], "y": [0, 9]}),
         ("DELETE", "/api/height-maps/plate", None),

@@ -1,7 +1,8 @@
 // By hand: the zero with its undo, moves to places, the outline of the cuts, spindle and coolant, entered lines, macros.
 
-import {attempt, get, on, post} from "./api.js";
+import {attempt, get, on, post, visible} from "./api.js";
 import {askYes} from "./asking.js";
+import {editMacro} from "./editing.js";
 import * as jobs from "./jobs.js";
 import {machine, needs, offsets, say, shown, state} from "./machine.js";
 import {icon, keep, kept} from "./parts.js";
@@ -190,10 +191,10 @@ function entered() {
       showEntered();
     }
   });
-  attempt(async () => {
-    showMacros(await get("macros"));
-    await showEntered();
-  });
+  const list = async () => showMacros(await get("macros"));
+  on("macros", () => attempt(list));
+  attempt(list);
+  attempt(showEntered);
 }
 
 async function showEntered() {
@@ -203,11 +204,17 @@ async function showEntered() {
 
 function showMacros(names) {
   element("macros").replaceChildren(...names.map(name => {
-    const made = Object.assign(document.createElement("button"), {type: "button", textContent: name});
-    made.dataset.needs = "link control board idle";
-    made.addEventListener("click", () => attempt(() => post(`macros/${encodeURIComponent(name)}/run`)));
-    return made;
+    const item = document.createElement("li"), run = Object.assign(document.createElement("button"), {type: "button"}), edit = Object.assign(document.createElement("button"), {type: "button", className: "icon-only"});
+    run.dataset.needs = "link control board idle";
+    run.append(icon("play"), visible(name));
+    run.addEventListener("click", () => attempt(() => post(`macros/${encodeURIComponent(name)}/run`)));
+    edit.dataset.needs = "link control";
+    edit.setAttribute("aria-label", `Change ${name}`);
+    edit.append(icon("pencil"));
+    edit.addEventListener("click", () => attempt(() => editMacro(name)));
+    item.append(run, document.createElement("span"), edit);
+    return item;
   }));
-  if (!names.length) element("macros").textContent = "The folder macros of the library is empty.";
+  if (!names.length) element("macros").textContent = "There is no macro yet.";
   needs();
 }

@@ -2,6 +2,7 @@
 
 import {attempt, get, on, post, put, remove, visible} from "./api.js";
 import {askYes} from "./asking.js";
+import * as editing from "./editing.js";
 import {showFindings, writeLine} from "./findings.js";
 import {named, needs, say} from "./machine.js";
 import {showPart} from "./parts.js";
@@ -21,7 +22,10 @@ let changed = 0;         // time of the text that is shown
 let job = null, total = 0, now = 0, windows = new Map();
 
 export async function begin() {
-  element("jobs").addEventListener("change", () => open(element("jobs").value));
+  element("jobs").addEventListener("change", () => attempt(async () => {
+    if (await editing.leave()) await open(element("jobs").value);
+    else element("jobs").value = job;
+  }));
   element("upload").addEventListener("change", upload);
   element("check").addEventListener("click", () => attempt(() => check()));
   element("height-map").addEventListener("change", () => attempt(check));
@@ -69,7 +73,7 @@ export async function begin() {
     // Who watches sees the program that runs.
     const isNew = event.activity === "program" && event.program !== running;
     running = event.activity === "program" ? event.program : "";
-    if (isNew && running !== job && !uploading && [...element("jobs").options].some(({value}) => value === running)) {
+    if (isNew && running !== job && !uploading && !editing.isOpen() && [...element("jobs").options].some(({value}) => value === running)) {
       element("jobs").value = running;
       open(running);
     }
@@ -159,11 +163,27 @@ async function upload(event) {
   uploading = true;
   await attempt(async () => {
     await put(`jobs/${encodeURIComponent(file.name)}`, {text});
-    await list();
-    job = element("jobs").value = file.name;
-    await open(file.name);
+    await openNew(file.name);
   }).finally(() => { uploading = false; });
 }
+
+/** Open a program that was written into the library, and check it. */
+export async function openNew(name) {
+  uploading = true;
+  try {
+    await list();
+    element("jobs").value = name;
+    await open(name);
+  } finally {
+    uploading = false;
+  }
+}
+
+/** Return the name of the program that is open, or null. */
+export const opened = () => job;
+
+/** Open the program again, as it is now. */
+export const reopen = () => open(job);
 
 async function check() {
   if (job === null) return;
@@ -215,6 +235,7 @@ async function showCut({name, ok, findings}) {
 }
 
 function listFindings(findings) {
+  if (editing.isOpen()) return;
   const mine = job, go = line => {
     follow(line);
     if (line !== chosen) choose(line);

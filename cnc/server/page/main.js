@@ -1,10 +1,12 @@
 // Starts the parts of the page.
 
 import {attempt, listen} from "./api.js";
+import * as editing from "./editing.js";
 import * as hand from "./hand.js";
 import * as jobs from "./jobs.js";
 import * as jog from "./jog.js";
 import * as machine from "./machine.js";
+import * as making from "./making.js";
 import * as parts from "./parts.js";
 import * as picture from "./picture.js";
 import * as probing from "./probing.js";
@@ -16,6 +18,8 @@ await attempt(async () => {
   jog.begin();
   hand.begin();
   await probing.begin();
+  await making.begin();
+  editing.begin();
   await jobs.begin();
   picture.begin();
   records.begin();

@@ -2,6 +2,7 @@
 
 import {attempt, get, on, post} from "./api.js";
 import {say} from "./machine.js";
+import {sketch} from "./making.js";
 
 const element = id => document.getElementById(id);
 const BY_HAND = ["go_to", "trace_outline"];  // moves that have buttons of their own
@@ -47,19 +48,6 @@ async function list() {
   if (names.includes(before)) select.value = before;
 }
 
-/** Return the sketch of a cycle; nothing for a cycle of one's own. */
-function sketch(name) {
-  if (!(name in SKETCHES)) return "";
-  const [part, ways, [x, y]] = SKETCHES[name], svg = (kind, attributes) => {
-    const made = document.createElementNS("http://www.w3.org/2000/svg", kind);
-    for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
-    return made;
-  };
-  const picture = svg("svg", {viewBox: "0 0 120 64", class: "sketch", "aria-hidden": "true"});
-  picture.append(svg("path", {d: part, class: "part", "fill-rule": "evenodd"}), svg("path", {d: ways, class: "way"}), svg("circle", {cx: x, cy: y, r: 5, class: "probe"}));
-  return picture;
-}
-
 /** Return the card of a cycle. */
 function card(cycle) {
   const place = document.createElement("section"), form = document.createElement("form"), title = document.createElement("h2"), go = document.createElement("button");
@@ -80,6 +68,6 @@ function card(cycle) {
     const parameters = Object.fromEntries([...new FormData(form)].map(([name, value]) => [name, Number(value)]));
     attempt(() => post(`probing/${encodeURIComponent(cycle.name)}/run`, {parameters}));
   });
-  place.append(title, sketch(cycle.name), form);
+  place.append(title, ...cycle.name in SKETCHES ? [sketch(...SKETCHES[cycle.name])] : [], form);
   return place;
 }
