@@ -385,7 +385,7 @@ def described() -> list[dict[str, Any]]:
     """Return the jobs: ``kind``, ``title``, and ``parameters``, for a form.
 
     A parameter has ``name``, ``title``, ``default`` and ``type`` (``number``, ``integer`` or
-    ``text``). Those of the job come before those of the tool.
+    ``text``). Those of the job come first, then the passes, then the tool.
     """
     return [
         {
@@ -398,13 +398,20 @@ def described() -> list[dict[str, Any]]:
                     "default": field.default,
                     "type": _type_of(field.annotation),
                 }
-                for name, field in sorted(
-                    job.model_fields.items(), key=lambda item: item[0] in SimpleJob.model_fields
-                )
+                for name, field in sorted(job.model_fields.items(), key=lambda item: _rank(item[0]))
             ],
         }
         for job in KINDS.values()
     ]
+
+
+def _rank(name: str) -> int:
+    """Return the place of a parameter in a form."""
+    if name == "depth":
+        return 1
+    if name in SimpleJob.model_fields:
+        return 3
+    return 2 if name in Milled.model_fields or name in Holes.model_fields else 0
 
 
 def _type_of(annotation: object) -> Literal["number", "integer", "text"]:

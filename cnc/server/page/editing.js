@@ -7,7 +7,7 @@ import {Refused, attempt, get, post, put, remove, visible} from "./api.js";
 import {askYes} from "./asking.js";
 import {markSign, showFindings, writeMarks} from "./findings.js";
 import * as jobs from "./jobs.js";
-import {say} from "./machine.js";
+import {needs, say} from "./machine.js";
 import {showPart} from "./parts.js";
 
 const element = id => document.getElementById(id);
@@ -31,6 +31,7 @@ export function begin() {
   element("edit-close").addEventListener("click", () => leave().then(yes => { if (yes) close(); }));
   element("edit-remove").addEventListener("click", () => attempt(removeMacro));
   area.addEventListener("input", () => {
+    showChanged();
     draw();
     readSoon();
   });
@@ -65,6 +66,8 @@ async function edit(what, text) {
   element("edit-name").value = what.name;
   element("edit-remove").hidden = what.kind !== "macro" || open.saved === null;
   element("edit-box").hidden = false;
+  element("outcome").textContent = "";
+  showChanged();
   element("stage").dataset.editing = "true";
   showPart("program");
   element("editor").scrollTop = element("editor").scrollLeft = 0;
@@ -72,6 +75,12 @@ async function edit(what, text) {
   element("editor").focus();
   list([]);
   read();
+}
+
+/** What is not saved must not be taken for what Run would run. */
+function showChanged() {
+  element("edit-box").dataset.changed = String(isChanged());
+  needs();
 }
 
 const isChanged = () => open !== null && element("editor").value !== open.saved;
@@ -84,6 +93,7 @@ export async function leave() {
 function close() {
   const wasJob = open?.kind === "job";
   open = null;
+  showChanged();
   clearTimeout(timer);
   element("edit-box").hidden = true;
   delete element("stage").dataset.editing;

@@ -12,7 +12,7 @@ let marks = new Map();  // the findings of each line of the text
 
 /**
  * Show the findings of a program.
- * `go` is called with the line of a finding that is pressed, `repaired` with that of a finding that is repaired.
+ * `go` is called with line and column of a finding that is pressed, `repaired` with that of a finding that is repaired.
  */
 export function showFindings(findings, job, go, repaired) {
   marks = new Map();
@@ -26,7 +26,7 @@ export function showFindings(findings, job, go, repaired) {
     button.dataset.sign = SIGNS[severity];
     help.textContent = visible([column ? `column ${column}` : "", worded(hint ?? "")].filter(Boolean).join(": "));
     button.append(help);
-    button.addEventListener("click", () => { if (line && isHere) go(line); });
+    button.addEventListener("click", () => { if (line && isHere) go(line, column); });
     item.append(button);
     if (fix && isHere) {
       const made = Object.assign(document.createElement("button"), {type: "button", textContent: "Repair"});

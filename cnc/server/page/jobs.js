@@ -77,12 +77,10 @@ export async function begin() {
       element("jobs").value = running;
       open(running);
     }
-    const line = event.program === job ? event.line : 0;
-    if (line === now) return;
-    now = line;
-    if (line) follow(line);
-    showText();
+    if (picture.isPlayed()) return;
+    mark(event.program === job ? event.line : 0);
   });
+  on("played", ({line}) => mark(line));
   await list();
   // A run that the end of the server has cut off is told at once, and again with the board.
   await showUnfinished();
@@ -91,6 +89,14 @@ export async function begin() {
     if (event.board && event.board !== board && event.activity === "none") attempt(showUnfinished);
     board = event.board;
   });
+}
+
+/** Mark the line that is carried out, or played. */
+function mark(line) {
+  if (line === now) return;
+  now = line;
+  if (line) follow(line);
+  showText();
 }
 
 /** Tell of the last run if the server was killed during it, and offer the line at which it can go on. */

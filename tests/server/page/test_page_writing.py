@@ -13,6 +13,12 @@ from tests.server.page.test_page_design import (
 )
 from tests.support.server.console_page import connect, enter, expect, open_part, take
 
+SLIDE = """time => {
+  const place = document.getElementById("play-time");
+  place.value = time;
+  place.dispatchEvent(new Event("input"));
+  return new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)));
+}"""
 GRAVE = """async () => {
   const {violations} = await axe.run(document, {resultTypes: ["violations"]});
   return violations.filter(({impact}) => ["serious", "critical"].includes(impact))
@@ -94,7 +100,8 @@ def test_a_program_is_changed_with_findings_as_typed(desk):
     desk.keyboard.press("ControlOrMeta+End")
     finding.get_by_role("button").click()
     assert editor.evaluate("place => place.selectionStart") == 0
-    # What is not saved is not lost without a question.
+    # What is not saved is not run, and not lost without a question.
+    expect(desk.locator("#run")).to_have_attribute("data-why", re.compile("not saved"))
     desk.click("#edit-close")
     expect(desk.locator("#entry-text")).to_contain_text("not saved")
     desk.keyboard.press("Escape")
@@ -187,3 +194,59 @@ def test_a_program_is_changed_on_a_phone(browser, address, desk):
     expect(phone.locator("#editor")).to_be_hidden()
     phone.context.close()
     assert wrong == []
+
+
+def test_the_path_is_played_with_its_line_and_time(desk):
+    """Half of the time of a straight line is half of its way: at a constant feed of 240 mm/min."""
+    open_part(desk, "program")
+    upload(desk, "line.nc", "G21 G90\nG0 X0 Y0 Z5\nG1 X8 F240\nG1 Y4\nM2\n")
+    expect(desk.locator("#outcome")).to_contain_text("checked")
+    open_part(desk, "run")
+    shown, lines = desk.locator("#play-shown"), desk.locator("#lines .now")
+    end = float(desk.get_attribute("#play-time", "max"))
+    expect(shown).to_have_text(f"{end:.1f} s")
+    desk.evaluate(SLIDE, end - 0.3)
+    expect(shown).to_have_text(f"{end - 0.3:.1f} s, line 4")
+    expect(lines).to_contain_text("G1 Y4")
+    # 4 mm take 1 s, and 0.3 s before the end the tool has 1.2 mm to go.
+    place = desk.evaluate("document.getElementById('space').dataset.tool").split()
+    assert [float(value) for value in place[:2]] == pytest.approx([-142.0, -147.2], abs=0.05)
+    desk.evaluate(SLIDE, end - 1.5)
+    expect(lines).to_contain_text("G1 X8")
+    picture(desk, "screen-desk-playback")
+    # It plays at ten times the speed, and rests at the end.
+    desk.select_option("#play-speed", "10")
+    desk.click("#play")
+    expect(shown).to_contain_text(f"{end:.1f} s, line 4")
+    expect(desk.locator("#play")).to_have_attribute("aria-pressed", "false")
+    desk.click("#play-all")
+    expect(lines).to_have_count(0)
+    expect(shown).to_have_text(f"{end:.1f} s")
+    # A run ends it: the picture shows the machine.
+    desk.evaluate(SLIDE, 1.0)
+    desk.click("#run")
+    expect(desk.locator("#message")).to_contain_text("line.nc: done")
+    expect(desk.locator("#play-all")).to_be_hidden()
+
+
+def test_the_dimensions_of_the_cuts_are_shown(desk):
+    open_part(desk, "program")
+    upload(desk, "box.nc", "G21 G90\nG0 X-30 Y2 Z5\nG1 Z-3 F900\nX12.5\nY22\nG0 Z5\nM2\n")
+    expect(desk.locator("#outcome")).to_contain_text("checked")
+    open_part(desk, "run")
+    texts = "document.getElementById('over').dataset.texts"
+    assert desk.evaluate(texts) == ""
+    sizes = desk.get_by_role("button", name="Dimensions of the cuts")
+    sizes.click()
+    expect(sizes).to_have_attribute("aria-pressed", "true")
+    desk.wait_for_function(f"() => {texts}.split('; ').length === 3")
+    assert desk.evaluate(texts).replace("\u2212", "-").split("; ") == [
+        "X 42.5 (-30 to 12.5)", "Y 20 (2 to 22)", "Z 8 (-3 to 5)",
+    ]  # fmt: skip
+    usable(desk)
+    picture(desk, "screen-desk-dimensions")
+    # A side that is seen from its end has no number.
+    desk.get_by_role("button", name="top", exact=True).click()
+    desk.wait_for_function(f"() => {texts}.split('; ').length === 2")
+    sizes.click()
+    desk.wait_for_function(f"() => {texts} === ''")
