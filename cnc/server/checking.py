@@ -135,8 +135,10 @@ def sketch_job(order: CheckOrder) -> bool:
     return True
 
 
-def parameters_of(offsets: Mapping[str, Mapping[str, float]]) -> dict[int, float]:
-    """Return the parameters of offsets by name and axis, mm."""
+def parameters_of(
+    offsets: Mapping[str, Mapping[str, float]], rotations: Mapping[str, float]
+) -> dict[int, float]:
+    """Return the parameters of offsets by name and axis, mm, and of rotations, degrees."""
     values: dict[int, float] = {}
     for name, place in offsets.items():
         first = numbers.SHIFT if name == "G92" else numbers.origin(numbers.SYSTEMS.index(name))
@@ -144,6 +146,8 @@ def parameters_of(offsets: Mapping[str, Mapping[str, float]]) -> dict[int, float
             values[first + AXIS_LETTERS.index(letter)] = value
     if any(offsets.get("G92", {}).values()):
         values[numbers.SHIFT_IN_EFFECT] = 1.0
+    for name, angle in rotations.items():
+        values[numbers.origin(numbers.SYSTEMS.index(name)) + numbers.ROTATION] = angle
     return values
 
 

@@ -25,7 +25,7 @@ from cnc.operate.events import ConsoleLine, Event, Finding, JobEnded, Notice, as
 from cnc.operate.height_mapping import Grid
 from cnc.operate.operator_session import OperatorSession, SessionAccess
 from cnc.operate.program_runs import failed
-from cnc.operate.state_view import work_zero
+from cnc.operate.state_view import refuse_turned, work_zero
 from cnc.server.checking import (
     Checker,
     CheckOrder,
@@ -327,7 +327,10 @@ class Console:
             UsageError: ``no-such-job``, ``no-such-system``, ``stock-missing``, ``stock-malformed``.
         """
         self.library.path(name)
-        zero = work_zero(self.session.offsets, system) if system else {}
+        session = self.session
+        if system and stock:
+            refuse_turned(system, session.rotations, "the raw part stands along the axes")
+        zero = work_zero(session.offsets, system, session.rotations) if system else {}
         machine = self.session.limited_machine
         if stock:
             with_stock(machine, stock, zero)
@@ -409,7 +412,10 @@ class Console:
 
     def _order(self, name: str) -> CheckOrder:
         session = self.session
-        machine, parameters = session.limited_machine, parameters_of(session.offsets)
+        machine, parameters = (
+            session.limited_machine,
+            parameters_of(session.offsets, session.rotations),
+        )
         return CheckOrder(name, self.library.folder, machine, parameters)
 
     async def run(self, name: str, options: RunOptions) -> None:

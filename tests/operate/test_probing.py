@@ -54,7 +54,7 @@ def test_the_shipped_cycles_have_titles_and_parameters():
     found = {each.name: each for each in cycles(with_folder(load_machine(None), shipped_cycles()))}
     assert set(found) == {
         "probe_z", "probe_edge_x", "probe_edge_y", "probe_corner", "probe_hole", "tool_length",
-        "go_to", "trace_outline",
+        "probe_angle", "go_to", "trace_outline",
     }  # fmt: skip
     assert all(each.title and each.parameters for each in found.values())
     assert [each.name for each in found["probe_z"].parameters] == ["thickness", "distance", "feed"]
