@@ -279,6 +279,7 @@ async def _send(websocket: WebSocket, console: Console, client: Client) -> None:
         "state": as_object(session.state),
         "dialog": None if dialog is None else as_object(dialog),
         "offsets": session.offsets,
+        "rotations": session.rotations,
     }
     await websocket.send_text(encoded([hello]))
     while True:

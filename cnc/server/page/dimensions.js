@@ -1,7 +1,7 @@
 // Dimensions of the cuts, drawn over the picture: the sizes of their box, and its places in work coordinates.
 
 const TICK = 5;       // px
-const LEAST = 24;     // px; a shorter side has no room for its number
+const LEAST = 10;     // px; a shorter side is seen from its end
 const FONT = "600 13px system-ui, 'DejaVu Sans', sans-serif";
 
 /** A length without needless zeros, with a true minus sign. */

@@ -4,7 +4,7 @@ import {attempt, get, on, post, visible} from "./api.js";
 import {askYes} from "./asking.js";
 import {editMacro} from "./editing.js";
 import * as jobs from "./jobs.js";
-import {machine, needs, offsets, say, shown, state} from "./machine.js";
+import {machine, needs, rotations, say, shown, state} from "./machine.js";
 import {icon, keep, kept} from "./parts.js";
 import {cutBox} from "./picture.js";
 
@@ -22,6 +22,7 @@ export function begin() {
   on("hello", event => { last = event.state.board ? event.offsets : null; });
   on("offsets", event => noteChange(event.offsets));
   on("state", ({board}) => { if (!board) [changes, last] = [[], null]; });
+  element("straight").addEventListener("click", () => attempt(() => post("mdi", {line: `G10 L2 P${machine.systems.indexOf(state.system) + 1} R0`})));
   showUndo();
   movesToPlaces();
   spindleAndCoolant();
@@ -54,16 +55,24 @@ function showUndo() {
   needs();
 }
 
+/** Return lengths with X and Y turned by degrees, counter-clockwise. */
+function turned(values, degrees) {
+  const [c, s] = [Math.cos(degrees * Math.PI / 180), Math.sin(degrees * Math.PI / 180)], {x, y} = values;
+  return degrees ? {...values, x: c * x - s * y, y: s * x + c * y} : values;
+}
+
 async function undoZero() {
-  const {system, letters, before, after} = changes.at(-1), now = await get("offsets"), here = await get("state");
+  const {system, letters, before, after} = changes.at(-1), now = await get("offsets"), here = await get("state"), angle = rotations[system] ?? 0;
   if (letters.some(letter => Math.abs(now[system][letter] - after[letter]) > SAME)) {
     changes = [];
     showUndo();
     say(`${system} was changed elsewhere since: nothing is undone\nsee the offsets, and set the zero again`);
     return;
   }
-  // The work position shown is that of the system in use; the offset that was there gives the one to set.
-  const axes = Object.fromEntries(letters.map(letter => [letter, here.work[letter] + now[here.system][letter] - before[letter]]));
+  // The work position to set is that of this place in the system of before. X and Y of a turned system belong together.
+  const named = new Set(angle && letters.some(each => "xy".includes(each)) ? [...letters, "x", "y"] : letters);
+  const way = turned(Object.fromEntries(Object.keys(before).map(letter => [letter, here.machine[letter] - before[letter]])), -angle);
+  const axes = Object.fromEntries([...named].map(letter => [letter, way[letter] - (now.G92?.[letter] ?? 0)]));
   undoing = true;
   try {
     await post("zero", {axes, system});
@@ -113,8 +122,7 @@ function movesToPlaces() {
     showLift();
   });
   showLift();
-  // Zero of the system in use: the machine position where the work position is 0.
-  element("go-zero").addEventListener("click", () => goTo(state.machine.x - state.work.x, state.machine.y - state.work.y));
+  element("go-zero").addEventListener("click", () => goTo(state.zero.x, state.zero.y));
   element("raise").addEventListener("click", () => goTo(state.machine.x, state.machine.y));
   element("outline").addEventListener("click", () => attempt(traceOutline));
   places = kept(named()) ?? [];

@@ -220,7 +220,8 @@ function draw() {
   });
   if (!runs() && played === null) part?.draw(scene, triple(shade("stock")));
   const project = (x, y, z) => scene.project(x - origin[0], y - origin[1], z - origin[2]);
-  const zero = Object.fromEntries(Object.keys(state?.work ?? {}).map(letter => [letter, state.machine[letter] - state.work[letter]]));
+  // Along the axes of the machine a turned system has no places.
+  const zero = state?.rotation ? {} : state?.zero ?? {};
   const texts = drawDimensions(element("over"), hasSizes ? box : null, project, zero, {ink: shade("ink"), paper: shade("paper")});
   element("over").dataset.texts = texts.join("; ");
 }

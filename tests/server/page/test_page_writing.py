@@ -203,6 +203,7 @@ def test_the_path_is_played_with_its_line_and_time(desk):
     expect(desk.locator("#outcome")).to_contain_text("checked")
     open_part(desk, "run")
     shown, lines = desk.locator("#play-shown"), desk.locator("#lines .now")
+    expect(shown).to_have_text(re.compile(r"^[1-9].* s$"))
     end = float(desk.get_attribute("#play-time", "max"))
     expect(shown).to_have_text(f"{end:.1f} s")
     desk.evaluate(SLIDE, end - 0.3)
