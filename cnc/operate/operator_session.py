@@ -27,7 +27,7 @@ from cnc.operate.events import (
     Listener,
     State,
 )
-from cnc.operate.height_mapping import Grid
+from cnc.operate.height_mapping import Grid, PointsAgain
 from cnc.operate.machines import open_live, operated
 from cnc.operate.program_session import KEEP_ALIVE, Jog, Programs, Worker
 from cnc.operate.state_view import refuse_turned, turned
@@ -512,6 +512,20 @@ class OperatorSession:
             self._refuse_zero()
             self._refuse_unless_lifted(self.machine.axes)
             return self._programs.probe_grid(grid, trust_position=trust_position)
+
+        return self._worker.begin("probe", probe)
+
+    def probe_points(self, again: PointsAgain) -> Future[HeightMap]:
+        """Probe points of a height map again, and return the map with them.
+
+        Raises:
+            UsageError: ``height-map-grid``, also if a contact is missing.
+        """
+
+        def probe() -> HeightMap:
+            self._refuse_zero()
+            self._refuse_unless_lifted(self.machine.axes)
+            return self._programs.probe_points(again)
 
         return self._worker.begin("probe", probe)
 

@@ -33,11 +33,11 @@ from cnc.operate.events import (
     OffsetsChanged,
     State,
 )
-from cnc.operate.height_mapping import HEIGHT_MAP, Grid, not_probed
+from cnc.operate.height_mapping import HEIGHT_MAP, Grid, PointsAgain, not_probed
 from cnc.operate.machines import STATE_PERIOD, OperatedMachine
 from cnc.operate.modal_memory import ModalMemory, starts_outputs
 from cnc.operate.program_runs import Dialogs, RunWatch
-from cnc.operate.state_view import StateView, refuse_turned, stored_rotations
+from cnc.operate.state_view import StateView, refuse_turned, stored_rotations, work_zero
 from cnc.session.options import RunOptions
 from cnc.session.program_reader import MDI_NAME, InlineProgram
 from cnc.session.resume import PausePlace
@@ -510,6 +510,20 @@ class Programs:
         return grid.height_map(
             parameters, system, {letter: place[letter] - work[letter] for letter in work}
         )
+
+    def probe_points(self, again: PointsAgain) -> HeightMap:
+        """Probe points of a height map again. UsageError ``height-map-grid``."""
+        view = self._worker.view
+        system = view.system
+        refuse_turned(system, view.rotations, "a height map is along the axes")
+        again.check(system, work_zero(view.offsets, system))
+        text = f"{system}\n{again.program(view.work_position(system)['z'])}".encode()
+        parameters: dict[int, float] = {}
+        program = InlineProgram(MDI_NAME, text)
+        ended = self._run(program, HEIGHT_MAP, CYCLES, 1, parameters.update)
+        if ended.outcome != "done":
+            raise not_probed(ended)
+        return again.height_map(parameters)
 
     def mdi(self, line: str, *, trust_position: bool) -> JobEnded:
         """Run a line, with the modal state of the lines before it."""

@@ -22,7 +22,7 @@ from cnc.machine.height_map import HeightMap, save_height_map
 from cnc.machine.load import with_stock
 from cnc.model.diagnostics import CncError, Diagnostic, UsageError
 from cnc.operate.events import ConsoleLine, Event, Finding, JobEnded, Notice, as_object
-from cnc.operate.height_mapping import Grid
+from cnc.operate.height_mapping import Grid, PointsAgain
 from cnc.operate.operator_session import OperatorSession, SessionAccess
 from cnc.operate.program_runs import failed
 from cnc.operate.state_view import refuse_turned, work_zero
@@ -545,6 +545,16 @@ class Console:
         session = self.session
         await asyncio.wrap_future(session.ask(OperatorSession.select_system, system))
         future = await asyncio.wrap_future(session.ask(OperatorSession.probe_grid, grid))
+        return self._keep_map(name, file, future)
+
+    async def probe_points(self, name: str, again: PointsAgain) -> Future[HeightMap]:
+        """Begin to probe points of a height map again; the event ``height-map`` ends it."""
+        asked = self.session.ask(OperatorSession.probe_points, again)
+        file = self.library.height_map_file(name)
+        return self._keep_map(name, file, await asyncio.wrap_future(asked))
+
+    def _keep_map(self, name: str, file: Path, future: Future[HeightMap]) -> Future[HeightMap]:
+        """Write a height map when it is probed."""
 
         def probed(done: Future[HeightMap]) -> None:
             if not done.cancelled() and done.exception() is None:

@@ -126,6 +126,17 @@ class ProbeGrid(_Body):
     system: str = Field(default="G54", description="Coordinate system of the grid.")
 
 
+class ProbeAgain(_Body):
+    """Points of a height map to probe again."""
+
+    points: list[tuple[int, int]] = Field(
+        min_length=1, max_length=4900, description="Column and row of each, from 0."
+    )
+    clear: FiniteFloat = Field(default=2.0, gt=0, description="Z between the points, mm.")
+    depth: FiniteFloat = Field(default=2.0, gt=0, description="Lowest Z of a contact, mm below 0.")
+    feed: FiniteFloat = Field(default=60.0, gt=0, description="Speed of the contacts, mm/min.")
+
+
 class CheckJob(_Body):
     """How to check a job."""
 

@@ -23,7 +23,7 @@ from cnc.model import parameter_numbers as numbers
 from cnc.model.diagnostics import Diagnostic, UsageError
 from cnc.model.units import per_minute, per_second
 from cnc.operate.events import as_object
-from cnc.operate.height_mapping import Grid
+from cnc.operate.height_mapping import Grid, PointsAgain
 from cnc.operate.operator_session import OperatorSession, begin_jog
 from cnc.operate.probing import cycles, mdi_line
 from cnc.server.checking import job_changed
@@ -46,6 +46,7 @@ from cnc.server.models import (
     JogStep,
     LogText,
     Override,
+    ProbeAgain,
     ProbeGrid,
     Repair,
     RepairJob,
@@ -689,3 +690,12 @@ async def probe_height_map(name: str, body: ProbeGrid, console: Controlled) -> A
     """Begin to probe a grid; the event ``height-map`` ends it, and an alarm tells what failed."""
     grid = Grid(**body.model_dump(exclude={"system"}))
     return await accepted(await console.probe_grid(name, grid, body.system))
+
+
+@router.post("/height-maps/{name}/again")
+async def probe_points(name: str, body: ProbeAgain, console: Controlled) -> Accepted:
+    """Begin to probe points of a height map again, as ``probe``."""
+    points = tuple(body.points)
+    surface = console.library.height_map(name)
+    again = PointsAgain(surface=surface, **body.model_dump(exclude={"points"}), points=points)
+    return await accepted(await console.probe_points(name, again))

@@ -373,7 +373,7 @@ def written(kind: str, parameters: Mapping[str, Any]) -> str:
         first = error.errors(include_url=False)[0]
         name = ".".join(map(str, first["loc"]))
         raise _wrong(f"{name[:80]}: {first['msg']}", "correct this value") from None
-    lines = []
+    lines: list[str] = []
     for line in job.lines():
         if len(lines) >= MOST_LINES:
             raise _too_long()

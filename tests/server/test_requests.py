@@ -43,6 +43,7 @@ def x_of(console):
         ("DELETE", "/api/macros/a.ngc", None),
         ("POST", "/api/probing/probe_z/run", {}),
         ("POST", "/api/height-maps/plate/probe", {"x": [0, 9], "y": [0, 9]}),
+        ("POST", "/api/height-maps/plate/again", {"points": [[0, 0]]}),
         ("DELETE", "/api/height-maps/plate", None),
         ("POST", "/api/hold", {}),
         ("POST", "/api/resume", {}),

@@ -3,6 +3,7 @@
 import {attempt, listen} from "./api.js";
 import * as editing from "./editing.js";
 import * as hand from "./hand.js";
+import * as heights from "./heights.js";
 import * as jobs from "./jobs.js";
 import * as jog from "./jog.js";
 import * as machine from "./machine.js";
@@ -18,6 +19,7 @@ await attempt(async () => {
   jog.begin();
   hand.begin();
   await probing.begin();
+  await heights.begin();
   await making.begin();
   editing.begin();
   await jobs.begin();

@@ -13,6 +13,14 @@ from tests.server.page.test_page_design import (
 )
 from tests.support.server.console_page import connect, enter, expect, open_part, take
 
+DIFFERING = """async () => {
+  const {differing} = await import("/page/heights.js");
+  const x = [0, 5, 10, 15, 20], y = [0, 4, 8, 12];
+  const heights = y.map(b => x.map(a => 0.05 * a - 0.08 * b));
+  heights[2][3] -= 0.4;
+  heights[0][0] += 0.15;
+  return differing({x, y, heights}).map(({at, by}) => [at, by]);
+}"""
 SLIDE = """time => {
   const place = document.getElementById("play-time");
   place.value = time;
@@ -251,3 +259,55 @@ def test_the_dimensions_of_the_cuts_are_shown(desk):
     desk.wait_for_function(f"() => {texts}.split('; ').length === 2")
     sizes.click()
     desk.wait_for_function(f"() => {texts} === ''")
+
+
+def test_points_of_a_height_map_are_probed_again(desk):
+    """A plane with two wrong points: they alone are found, whatever the tilt."""
+    found = desk.evaluate(DIFFERING)
+    assert [at for at, _ in found] == ["3 2", "0 0"]
+    assert [by for _, by in found] == pytest.approx([-0.4, 0.15], abs=1e-6)
+    enter(desk, "G53 G0 X-60 Y-70 Z-20")
+    enter(desk, "G10 L20 P1 X0 Y0 Z2")
+    open_part(desk, "probe")
+    form = desk.locator("#grid-form")
+    for name, value in (("x0", 0), ("x1", 20), ("y0", 0), ("y1", 10), ("step", 10)):
+        form.locator(f'[name="{name}"]').fill(str(value))
+    for name, value in (("clear", 1), ("depth", 2), ("feed", 1000)):
+        form.locator(f'[name="{name}"]').fill(str(value))
+    form.locator('[name="name"]').fill("plate")
+    form.get_by_role("button").click()
+    expect(desk.locator("#map-shown")).to_have_value("plate")
+    expect(desk.locator("#map-range")).to_contain_text("3 x 2 points, Z 0.000 to 0.000 of G54")
+    expect(desk.locator("#map-points li")).to_have_count(0)
+    box = desk.locator("#map-picture").bounding_box()
+    desk.locator("#map-picture").click(position={"x": box["width"] / 2, "y": box["height"] - 30})
+    expect(desk.locator("#map-points li")).to_contain_text("X 10.000, Y 0.000: Z 0.000")
+    usable(desk)
+    picture(desk, "screen-desk-map")
+    desk.get_by_role("button", name="Probe this point again").click()
+    expect(desk.locator("#message")).to_contain_text("height map plate is in the library")
+    expect(desk.locator("#map-points li")).to_have_count(0)
+
+
+def test_a_turned_system_is_in_sight_and_its_rotation_is_removed(desk):
+    enter(desk, "G10 L2 P1 X-150 Y-150 Z-32 R30")
+    expect(desk.locator("#system-name")).to_have_text("G54 \u2220 30.000\u00b0")
+    enter(desk, "G0 X20 Y10 Z5")
+    # R turns (20, 10) by 30 degrees: 20 cos - 10 sin, 20 sin + 10 cos.
+    expect(desk.locator("#work-x")).to_have_text(re.compile(r"^(20\.00|19\.99)"))
+    assert float(desk.inner_text("#machine-x").replace("\u2212", "-")) == pytest.approx(
+        -150 + 12.321, abs=0.01
+    )
+    # Zero of X alone, and its undo: X and Y of a turned system belong together.
+    desk.get_by_role("button", name="Zero X here").click()
+    expect(desk.locator("#work-x")).to_have_text(re.compile(r"^\u2212?0\.00"))
+    expect(desk.locator("#work-y")).to_have_text(re.compile(r"^(10\.00|9\.99)"))
+    desk.click("#undo-zero")
+    expect(desk.locator("#work-x")).to_have_text(re.compile(r"^(20\.00|19\.99)"))
+    expect(desk.locator("#work-y")).to_have_text(re.compile(r"^(10\.00|9\.99)"))
+    open_part(desk, "setup")
+    usable(desk)
+    picture(desk, "screen-desk-turned")
+    desk.get_by_role("button", name="Remove the rotation of G54").click()
+    expect(desk.locator("#system-name")).to_have_text("G54")
+    expect(desk.locator("#straight")).to_be_hidden()
