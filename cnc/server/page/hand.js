@@ -223,6 +223,6 @@ function showMacros(names) {
     item.append(run, document.createElement("span"), edit);
     return item;
   }));
-  if (!names.length) element("macros").textContent = "There is no macro yet.";
+  if (!names.length) element("macros").append(Object.assign(document.createElement("li"), {textContent: "There is no macro yet."}));
   needs();
 }

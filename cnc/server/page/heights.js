@@ -119,7 +119,7 @@ function draw() {
   if (map === null) return;
   const shade = each => getComputedStyle(document.documentElement).getPropertyValue(`--${each}`).trim();
   const values = map.heights.flat(), low = Math.min(...values), span = Math.max(Math.max(...values) - low, 1e-9);
-  const [ax, ay] = place(0, 0), [bx, by] = place(1, 1), r = Math.max(Math.min(Math.abs(bx - ax), Math.abs(by - ay)) * 0.42, 2);
+  const [ax, ay] = place(0, 0), [bx, by] = place(1, 1), r = Math.max(Math.min(0.42 * Math.abs(bx - ax), 0.42 * Math.abs(by - ay), PAD - 6), 2);
   for (let row = 0; row < map.y.length; row++) for (let column = 0; column < map.x.length; column++) {
     const [x, y] = place(column, row), part = (map.heights[row][column] - low) / span * (RAMP.length - 1), k = Math.min(Math.floor(part), RAMP.length - 2);
     pen.fillStyle = `rgb(${RAMP[k].map((each, n) => Math.round(each + (RAMP[k + 1][n] - each) * (part - k))).join(" ")})`;
