@@ -56,7 +56,7 @@ function showUndo() {
 }
 
 /** Return lengths with X and Y turned by degrees, counter-clockwise. */
-function turned(values, degrees) {
+export function turned(values, degrees) {
   const [c, s] = [Math.cos(degrees * Math.PI / 180), Math.sin(degrees * Math.PI / 180)], {x, y} = values;
   return degrees ? {...values, x: c * x - s * y, y: s * x + c * y} : values;
 }
@@ -104,7 +104,8 @@ async function move(cycle, parameters) {
   if (height !== null) await post(`probing/${cycle}/run`, {parameters: {...parameters, height}});
 }
 
-const goTo = (x, y) => attempt(() => move("go_to", {x, y}));
+/** Go to a machine position of X and Y, Z raised. */
+export const goTo = (x, y) => attempt(() => move("go_to", {x, y}));
 
 function movesToPlaces() {
   const usable = ["x", "y", "z"].every(letter => letter in machine.axes) && machine.kind !== "lathe";

@@ -1,6 +1,7 @@
 // Starts the parts of the page.
 
 import {attempt, listen} from "./api.js";
+import * as camera from "./camera.js";
 import * as editing from "./editing.js";
 import * as hand from "./hand.js";
 import * as heights from "./heights.js";
@@ -18,6 +19,7 @@ await attempt(async () => {
   await machine.begin();
   jog.begin();
   hand.begin();
+  camera.begin();
   await probing.begin();
   await heights.begin();
   await making.begin();

@@ -311,3 +311,36 @@ def test_a_turned_system_is_in_sight_and_its_rotation_is_removed(desk):
     desk.get_by_role("button", name="Remove the rotation of G54").click()
     expect(desk.locator("#system-name")).to_have_text("G54")
     expect(desk.locator("#straight")).to_be_hidden()
+
+
+def test_a_camera_has_cross_hairs_an_offset_and_sets_the_zero(desk):
+    """The camera is 30 mm to the right and 12 mm in front of the tool."""
+    open_part(desk, "setup")
+    desk.click("#camera")
+    expect(desk.locator("#camera-picture")).to_be_visible()
+    desk.wait_for_function("() => document.getElementById('camera-video').videoWidth > 0")
+    desk.locator("#camera-seen").click()
+    expect(desk.locator("#message")).to_contain_text("the place of the mark is not known")
+    enter(desk, "G53 G0 X-60 Y-70 Z-20")
+    desk.click("#camera-mark")
+    enter(desk, "G53 G0 X-90 Y-58")
+    desk.click("#camera-seen")
+    expect(desk.locator("#camera-x")).to_have_value("30.000")
+    expect(desk.locator("#camera-y")).to_have_value("-12.000")
+    usable(desk)
+    picture(desk, "screen-desk-camera")
+    # The mark becomes the zero, and the tool goes back to it.
+    desk.click("#camera-zero")
+    expect(desk.locator("#work-x")).to_have_text("\u221230.000")
+    expect(desk.locator("#work-y")).to_have_text("12.000")
+    desk.click("#camera-go")
+    expect(desk.locator("#message")).to_contain_text("go_to: done")
+    expect(desk.locator("#machine-x")).to_have_text("\u221260.000")
+    expect(desk.locator("#work-x")).to_have_text("0.000")
+    expect(desk.locator("#work-y")).to_have_text("0.000")
+    desk.click("#camera")
+    expect(desk.locator("#camera-picture")).to_be_hidden()
+    # The offset is kept in this browser.
+    desk.reload()
+    expect(desk.locator("#camera-x")).to_have_value("30")
+    take(desk)
