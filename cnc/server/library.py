@@ -93,7 +93,7 @@ class Library:
 
     def __init__(self, folder: Path) -> None:
         try:
-            (folder / OWN / LOGS).mkdir(parents=True, exist_ok=True)
+            (folder / OWN).mkdir(parents=True, exist_ok=True)
         except OSError as error:
             message = f"the library {folder} cannot be made: {error.strerror}"
             raise UsageError(Diagnostic("can-not-write", message, hint="name another")) from error
@@ -246,7 +246,7 @@ class Library:
             kept = self.history(MOST_HISTORY // 2)
             lines = "".join(json.dumps(entry) + "\n" for entry in reversed(kept))
             self._replace(file, lines.encode())
-        file = self.folder / OWN / LOGS / f"{run.began:.3f} {run.job}"
+        file = self._logs_folder() / f"{run.began:.3f} {run.job}"
         self._replace(file, log.encode("utf-8", "replace"))
         for _, old in self._logs()[MOST_LOGS:]:
             old.unlink(missing_ok=True)
@@ -303,10 +303,15 @@ class Library:
         except OSError:
             return ""
 
+    def _logs_folder(self) -> Path:
+        folder = self.folder / OWN / LOGS
+        folder.mkdir(exist_ok=True)
+        return folder
+
     def _logs(self, job: str | None = None) -> list[tuple[float, Path]]:
         """Return the logs of a job or of all, with the times of the runs, the latest first."""
         logs = []
-        for entry in os.scandir(self.folder / OWN / LOGS):
+        for entry in os.scandir(self._logs_folder()):
             began, _, name = entry.name.partition(" ")
             with contextlib.suppress(ValueError):
                 if job in (None, name):
