@@ -46,6 +46,8 @@ class State:
         machine: Machine position by axis, mm.
         work: Work position by axis, mm, in the coordinate system ``system``.
         system: Coordinate system of ``work``, such as G54.
+        zero: Machine position of its zero by axis, mm.
+        rotation: Degrees by which its X and Y are turned.
         homed: Whether the position of each axis is known; empty for a machine without homing.
         feed: Reported feed, mm/min; None if the board does not report it.
         spindle: Reported or commanded speed, rev/min; None if it is not known.
@@ -70,6 +72,8 @@ class State:
     machine: dict[str, float] = field(default_factory=dict)
     work: dict[str, float] = field(default_factory=dict)
     system: str = "G54"
+    zero: dict[str, float] = field(default_factory=dict)
+    rotation: float = 0.0
     homed: dict[str, bool] = field(default_factory=dict)
     feed: float | None = None
     spindle: float | None = None
@@ -205,10 +209,11 @@ class ConsoleLine:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OffsetsChanged:
-    """Offsets by name (G54 to G59.3, G92) and axis, mm."""
+    """Offsets by name (G54 to G59.3, G92) and axis, mm, and rotations of systems, degrees."""
 
     event: ClassVar[str] = "offsets"
     offsets: dict[str, dict[str, float]]
+    rotations: dict[str, float] = field(default_factory=dict)
 
 
 Event = (

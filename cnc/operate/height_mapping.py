@@ -17,6 +17,8 @@ HEIGHT_MAP = "height map"
 FIRST_PARAMETER = 31
 MOST_CONTACTS = 4900
 """Contacts of one grid: each has a numbered parameter, #31 to #4930."""
+SAME_ZERO = 0.001
+"""Largest distance of two work zeros that count as one, mm."""
 FARTHEST = 10.0
 """Largest distance of the surface from the work zero, mm. Beyond it, Z was not set here."""
 
@@ -148,6 +150,76 @@ class Grid:
             hint = "set Z zero on the surface first, or let the first contact set it (zero)"
             raise UsageError(Diagnostic("height-map-grid", message, hint=hint))
         return surface
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PointsAgain:
+    """Points of a height map to probe again.
+
+    Attributes:
+        surface: The map.
+        points: (column, row) of each, from 0.
+        clear: Z of the moves between the points, mm.
+        depth: Lowest Z of a contact, mm below the work zero.
+        feed: Speed of the contact, mm/min.
+    """
+
+    surface: HeightMap
+    points: tuple[tuple[int, int], ...]
+    clear: float = 2.0
+    depth: float = 2.0
+    feed: float = 60.0
+
+    def check(self, system: str, work_zero: Mapping[str, float]) -> None:
+        """Refuse what would give heights of another surface. UsageError ``height-map-grid``.
+
+        Args:
+            system: Coordinate system in use.
+            work_zero: Machine position of its zero by axis, mm.
+        """
+        surface, wrong = self.surface, ""
+        columns, rows = len(surface.x), len(surface.y)
+        hint = "probe the whole grid again"
+        if not 0 < len(self.points) <= MOST_CONTACTS:
+            wrong = "no point is chosen"
+        elif any(not (0 <= c < columns and 0 <= r < rows) for c, r in self.points):
+            wrong = f"a point is outside of the {columns} x {rows} points of the map"
+        elif not all(map(math.isfinite, (self.clear, self.depth, self.feed))):
+            wrong = "a value is not a number"
+        elif min(self.depth, self.feed) <= 0.0 or self.clear <= surface.extremes[1]:
+            wrong, hint = "clear must be above the surface, depth and feed above 0", "raise clear"
+        elif system != surface.system:
+            wrong, hint = f"the map is of {surface.system}, and {system} is in use", "choose it"
+        elif any(
+            abs(work_zero[axis] - surface.work_zero.get(axis, math.inf)) > SAME_ZERO
+            for axis in ("x", "y", "z")
+        ):
+            wrong = f"the zero of {system} is not the one of the map any more"
+        if wrong:
+            raise UsageError(Diagnostic("height-map-grid", wrong, hint=hint))
+
+    def program(self, height: float) -> str:
+        """Return the program that probes the points.
+
+        Args:
+            height: Present work position of Z, mm.
+        """
+        zero, surface = self.surface.work_zero, self.surface
+        places = [f"G0 X{surface.x[c] - zero['x']:.6f} Y{surface.y[r] - zero['y']:.6f}"
+                  for c, r in self.points]  # fmt: skip
+        up = f"G0 Z{self.clear:.6f}"
+        lines = ["G21 G90 G94 G40 G49 G17", *([places[0]] if height > self.clear else []), up]
+        for k, place in enumerate(places):
+            contact = f"G38.2 Z{-self.depth:.6f} F{self.feed:g}"
+            lines += [place, contact, f"#{FIRST_PARAMETER + k} = #5063", up]
+        return "\n".join([*lines, "M2", ""])
+
+    def height_map(self, parameters: Mapping[int, float]) -> HeightMap:
+        """Return the map with the new contacts; ``parameters`` are those after the program."""
+        heights = [list(row) for row in self.surface.heights]
+        for k, (column, row) in enumerate(self.points):
+            heights[row][column] = round(parameters[FIRST_PARAMETER + k], 6)
+        return self.surface.model_copy(update={"heights": tuple(map(tuple, heights))})
 
 
 def not_probed(ended: JobEnded) -> CncError:

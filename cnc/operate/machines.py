@@ -353,7 +353,7 @@ class PulseMachine:
         """Write an offset to the parameter file, and read it back.
 
         Raises:
-            UsageError: ``no-parameter-file``, ``no-such-system``, ``system-rotated``.
+            UsageError: ``no-parameter-file``, ``no-such-system``.
         """
         file = self._parameter_file()
         stored, offsets, here = self._values(), self.offsets(), self._by_axis(self.tip())
@@ -364,10 +364,6 @@ class PulseMachine:
             )
         base = "G54" if system == "G92" else system
         first = numbers.origin(numbers.SYSTEMS.index(base))
-        if stored.get(first + numbers.ROTATION):
-            message = f"{base} is rotated, so that its axes are not those of the machine"
-            hint = "set its zero in a program, or remove the rotation: G10 L2 P1 R0"
-            raise UsageError(Diagnostic("system-rotated", message, hint=hint))
         wanted = dict(stored)
         for letter, value in values.items():
             column = AXIS_LETTERS.index(letter)

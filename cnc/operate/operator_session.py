@@ -27,9 +27,10 @@ from cnc.operate.events import (
     Listener,
     State,
 )
-from cnc.operate.height_mapping import Grid
+from cnc.operate.height_mapping import Grid, PointsAgain
 from cnc.operate.machines import open_live, operated
 from cnc.operate.program_session import KEEP_ALIVE, Jog, Programs, Worker
+from cnc.operate.state_view import refuse_turned, turned
 from cnc.session.options import RunOptions
 
 # Numbered settings (``$$``) of the board of a session.
@@ -116,6 +117,10 @@ class SessionAccess(Protocol):
     @property
     def offsets(self) -> Offsets:
         """Offsets by name and axis, mm; empty without a board."""
+
+    @property
+    def rotations(self) -> dict[str, float]:
+        """Rotations of the coordinate systems that are turned, degrees."""
 
     @property
     def limited_machine(self) -> Machine:
@@ -256,6 +261,11 @@ class OperatorSession:
     def offsets(self) -> dict[str, dict[str, float]]:
         """Offsets by name and axis, mm; empty without a board."""
         return self._worker.view.offsets
+
+    @property
+    def rotations(self) -> dict[str, float]:
+        """Rotations of the coordinate systems that are turned, degrees."""
+        return self._worker.view.rotations
 
     @property
     def limited_machine(self) -> Machine:
@@ -402,9 +412,19 @@ class OperatorSession:
                 message = f"a work position is farther than {MOST_POSITION:g} mm"
                 hint = "give the position of the axes in mm, or degrees"
                 raise UsageError(Diagnostic("zero-value", message, hint=hint))
+            view = self._worker.view
             if half:
-                work = self._worker.view.work_position(system)
+                work = view.work_position(system)
                 wanted = {letter: work[letter] / 2.0 for letter in wanted}
+            if system == "G92":
+                refuse_turned(system, view.rotations, "a shift would turn with it")
+            elif {"x", "y"} & set(wanted) and (angle := view.rotations.get(system)):
+                # Boards subtract positions by axis, so they get those of the system not turned.
+                shift = view.offsets["G92"]
+                work = view.work_position(system) | wanted
+                place = {letter: work[letter] + shift[letter] for letter in ("x", "y")}
+                place = turned(place, angle)
+                wanted |= {letter: place[letter] - shift[letter] for letter in place}
             self._worker.machine.set_work_position(system, wanted)
             return self._programs.offsets_changed()
 
@@ -492,6 +512,20 @@ class OperatorSession:
             self._refuse_zero()
             self._refuse_unless_lifted(self.machine.axes)
             return self._programs.probe_grid(grid, trust_position=trust_position)
+
+        return self._worker.begin("probe", probe)
+
+    def probe_points(self, again: PointsAgain) -> Future[HeightMap]:
+        """Probe points of a height map again, and return the map with them.
+
+        Raises:
+            UsageError: ``height-map-grid``, also if a contact is missing.
+        """
+
+        def probe() -> HeightMap:
+            self._refuse_zero()
+            self._refuse_unless_lifted(self.machine.axes)
+            return self._programs.probe_points(again)
 
         return self._worker.begin("probe", probe)
 

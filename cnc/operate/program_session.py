@@ -15,8 +15,10 @@ from queue import Empty, SimpleQueue
 from typing import TypeVar
 
 from cnc.boards.port import Clock
+from cnc.checks.selection import Selection
 from cnc.machine.height_map import HeightMap
 from cnc.machine.models import Machine
+from cnc.model import parameter_numbers as numbers
 from cnc.model.diagnostics import BoardError, CncError, Diagnostic, UsageError
 from cnc.model.operator_control import Control, HomingStopped
 from cnc.operate import program_runs
@@ -31,11 +33,11 @@ from cnc.operate.events import (
     OffsetsChanged,
     State,
 )
-from cnc.operate.height_mapping import HEIGHT_MAP, Grid, not_probed
+from cnc.operate.height_mapping import HEIGHT_MAP, Grid, PointsAgain, not_probed
 from cnc.operate.machines import STATE_PERIOD, OperatedMachine
 from cnc.operate.modal_memory import ModalMemory, starts_outputs
 from cnc.operate.program_runs import Dialogs, RunWatch
-from cnc.operate.state_view import StateView
+from cnc.operate.state_view import StateView, refuse_turned, stored_rotations, work_zero
 from cnc.session.options import RunOptions
 from cnc.session.program_reader import MDI_NAME, InlineProgram
 from cnc.session.resume import PausePlace
@@ -458,8 +460,11 @@ def not_connected() -> UsageError:
     return UsageError(Diagnostic("not-connected", "no board is connected", hint=hint))
 
 
-CYCLES = RunOptions(dialect="linuxcnc")
-"""Probing cycles are subroutines of LinuxCNC, whatever the dialect of the machine's programs."""
+CYCLES = RunOptions(dialect="linuxcnc", selection=Selection(ignore=frozenset({"abort-possible"})))
+"""Probing cycles are subroutines of LinuxCNC, whatever the dialect of the machine's programs.
+
+They may end themselves by ABORT, which their check cannot foresee: it need not be said each time.
+"""
 
 
 def macro_names(folder: Path | None) -> list[str]:
@@ -492,6 +497,7 @@ class Programs:
         """Probe a surface on a grid. UsageError ``height-map-grid`` if a contact is missing."""
         view = self._worker.view
         system = view.system
+        refuse_turned(system, view.rotations, "a height map is along the axes")
         height = view.work_position(system)["z"]
         text = f"{system}\n{grid.program(height)}".encode()
         parameters: dict[int, float] = {}
@@ -504,6 +510,20 @@ class Programs:
         return grid.height_map(
             parameters, system, {letter: place[letter] - work[letter] for letter in work}
         )
+
+    def probe_points(self, again: PointsAgain) -> HeightMap:
+        """Probe points of a height map again. UsageError ``height-map-grid``."""
+        view = self._worker.view
+        system = view.system
+        refuse_turned(system, view.rotations, "a height map is along the axes")
+        again.check(system, work_zero(view.offsets, system))
+        text = f"{system}\n{again.program(view.work_position(system)['z'])}".encode()
+        parameters: dict[int, float] = {}
+        program = InlineProgram(MDI_NAME, text)
+        ended = self._run(program, HEIGHT_MAP, CYCLES, 1, parameters.update)
+        if ended.outcome != "done":
+            raise not_probed(ended)
+        return again.height_map(parameters)
 
     def mdi(self, line: str, *, trust_position: bool) -> JobEnded:
         """Run a line, with the modal state of the lines before it."""
@@ -634,9 +654,22 @@ class Programs:
             # The reason of the pause is no longer that of the state.
             view.begin(name)
             control, options = resumed, replace(options, home=False, from_line=None)
+        self._tell_lost_rotation(session.parameters)
         if on_end is not None:
             on_end(session.parameters)
         return ended
+
+    def _tell_lost_rotation(self, parameters: Mapping[int, float]) -> None:
+        """Tell of a rotation that a program has set, if no parameter file keeps it."""
+        stored = stored_rotations(self._machine)
+        for k, name in enumerate(numbers.SYSTEMS):
+            angle = parameters.get(numbers.origin(k) + numbers.ROTATION, 0.0)
+            if angle != stored.get(name, 0.0) and self._machine.program.parameters is None:
+                message = f"the rotation of {name} by {angle:g} degrees has ended: it is not kept"
+                hint = "write parameters = 'machine.var' under [program]"
+                self._worker.notice(
+                    Diagnostic("rotation-not-kept", message, hint=hint, severity="warning")
+                )
 
     def _wait_at(self, pause: Pause) -> Control | None:
         """Let the operator use the machine; return as :meth:`Worker.wait_at`."""
@@ -649,6 +682,7 @@ class Programs:
         machine = self._worker.machine
         offsets = machine.offsets()
         self._worker.view.read(machine)
-        self._worker.view.offsets = offsets
-        self._worker.events.emit(OffsetsChanged(offsets=offsets))
+        rotations = stored_rotations(self._machine)
+        self._worker.view.offsets, self._worker.view.rotations = offsets, rotations
+        self._worker.events.emit(OffsetsChanged(offsets=offsets, rotations=rotations))
         return offsets

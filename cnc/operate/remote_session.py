@@ -310,6 +310,7 @@ class RemoteSession:
         self.state = State()
         self.dialog: Event | None = None
         self.offsets: Offsets = {}
+        self.rotations: dict[str, float] = {}
         self.limited_machine = self.machine
 
     @property
@@ -361,13 +362,13 @@ class RemoteSession:
         if isinstance(event, State):
             self.state = event
             if not event.board:
-                self.offsets, self.limited_machine = {}, self.machine
+                self.offsets, self.rotations, self.limited_machine = {}, {}, self.machine
         elif isinstance(event, Dialog):
             self.dialog = event
         elif isinstance(event, DialogClosed):
             self.dialog = None
         elif isinstance(event, OffsetsChanged):
-            self.offsets = event.offsets
+            self.offsets, self.rotations = event.offsets, event.rotations
         self._events.emit(event)
 
     def _end(self, process: _Process) -> None:

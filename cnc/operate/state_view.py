@@ -5,10 +5,14 @@ The worker writes it, and any thread reads it: each attribute is replaced as a w
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
+from types import MappingProxyType
 
+from cnc.gcode.reader.parameters import read_parameters
 from cnc.machine.models import Machine
+from cnc.model import parameter_numbers as numbers
 from cnc.model.diagnostics import Diagnostic, UsageError
 from cnc.model.operator_control import Control
 from cnc.model.parameter_numbers import SYSTEMS
@@ -26,6 +30,7 @@ class StateView:
         board: Name of the board; "" without one.
         readings: The last readings.
         offsets: Offsets by name and axis, mm.
+        rotations: Rotations of the systems that are turned, degrees.
         system: Coordinate system of the work position.
         modes: Modes that the next entered line begins with.
         paused: The question of the pause at which the operator uses the machine; "" for none.
@@ -35,6 +40,7 @@ class StateView:
         self.board = ""
         self.readings = Readings()
         self.offsets: dict[str, dict[str, float]] = {}
+        self.rotations: dict[str, float] = {}
         self._machine = machine
         self._program = ""
         self._progress: Progress | None = None
@@ -47,7 +53,7 @@ class StateView:
 
     def disconnected(self) -> None:
         """Show no board."""
-        self.board, self.readings, self.offsets = "", Readings(), {}
+        self.board, self.readings, self.offsets, self.rotations = "", Readings(), {}, {}
 
     def read(self, machine: OperatedMachine) -> None:
         """Take the readings of a machine at rest."""
@@ -84,11 +90,13 @@ class StateView:
 
     def work_position(self, system: str) -> dict[str, float]:
         """Return the position by axis in a coordinate system, mm; G92 belongs to G54."""
-        zero = work_zero(self.offsets, "G54" if system == "G92" else system)
-        return {
+        named = "G54" if system == "G92" else system
+        zero = work_zero(self.offsets, named, self.rotations)
+        distance = {
             letter: place - zero.get(letter, 0.0)
             for letter, place in self.readings.position.items()
         }
+        return turned(distance, -self.rotations.get(named, 0.0))
 
     def state(self, activity: Activity, overrides: Control) -> State:
         """Return the state."""
@@ -113,6 +121,8 @@ class StateView:
             machine=readings.position,
             work=self.work_position(self.system),
             system=self.system,
+            zero=work_zero(self.offsets, self.system, self.rotations),
+            rotation=self.rotations.get(self.system, 0.0),
             homed=readings.homed,
             feed=readings.feed,
             spindle=readings.spindle,
@@ -140,18 +150,57 @@ class StateView:
         )
 
 
-def work_zero(offsets: Mapping[str, Mapping[str, float]], system: str) -> dict[str, float]:
+def turned(values: Mapping[str, float], degrees: float) -> dict[str, float]:
+    """Return lengths by axis with X and Y turned about Z, counter-clockwise."""
+    if not degrees or not {"x", "y"} <= set(values):
+        return dict(values)
+    angle, x, y = math.radians(degrees), values["x"], values["y"]
+    return dict(values) | {
+        "x": x * math.cos(angle) - y * math.sin(angle),
+        "y": x * math.sin(angle) + y * math.cos(angle),
+    }
+
+
+def stored_rotations(machine: Machine) -> dict[str, float]:
+    """Return the rotations other than 0 of the coordinate systems, degrees, by name.
+
+    Boards keep offsets, but no rotations: these are in the parameter file alone.
+    """
+    file = machine.program.parameters
+    values = read_parameters(file) if file is not None and file.exists() else {}
+    stored = {
+        name: values.get(numbers.origin(k) + numbers.ROTATION, 0.0)
+        for k, name in enumerate(SYSTEMS)
+    }
+    return {name: angle for name, angle in stored.items() if angle}
+
+
+def refuse_turned(system: str, rotations: Mapping[str, float], what: str) -> None:
+    """Refuse what is only right along the axes. UsageError ``system-rotated``."""
+    if angle := rotations.get("G54" if system == "G92" else system, 0.0):
+        message = f"{system} is turned by {angle:g} degrees: {what}"
+        hint = "choose another coordinate system, or remove the rotation: G10 L2 P1 R0 for G54"
+        raise UsageError(Diagnostic("system-rotated", message, hint=hint))
+
+
+def work_zero(
+    offsets: Mapping[str, Mapping[str, float]],
+    system: str,
+    rotations: Mapping[str, float] = MappingProxyType({}),
+) -> dict[str, float]:
     """Return the machine position of the zero of a system by axis, mm; empty without offsets.
 
     Args:
         offsets: Offsets by name and axis, mm.
         system: G54 to G59.3.
+        rotations: Rotations by name, degrees: the shift of G92 turns with the system.
 
     Raises:
         UsageError: ``no-such-system``.
     """
     _refuse_unknown(system)
-    origin, shift = offsets.get(system, {}), offsets.get("G92", {})
+    origin = offsets.get(system, {})
+    shift = turned(offsets.get("G92", {}), rotations.get(system, 0.0))
     return {letter: value + shift.get(letter, 0.0) for letter, value in origin.items()}
 
 

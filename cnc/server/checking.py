@@ -12,19 +12,23 @@ import zlib
 from collections.abc import Mapping
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import chdir
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from multiprocessing import get_context, parent_process
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from cnc.editor.analysis import Settings, analysed
+from cnc.editor.document import Document
 from cnc.gcode.reader.parameters import write_parameters
 from cnc.machine.load import with_stock
 from cnc.machine.models import Machine
 from cnc.model import parameter_numbers as numbers
 from cnc.model.blocks import AXIS_LETTERS
 from cnc.model.diagnostics import CncError, Diagnostic, UsageError
+from cnc.model.operator_control import Control
+from cnc.operate.events import Finding
 from cnc.server.library import Library
 from cnc.session.context import Callbacks
 from cnc.session.options import Outputs, RunOptions
@@ -131,8 +135,10 @@ def sketch_job(order: CheckOrder) -> bool:
     return True
 
 
-def parameters_of(offsets: Mapping[str, Mapping[str, float]]) -> dict[int, float]:
-    """Return the parameters of offsets by name and axis, mm."""
+def parameters_of(
+    offsets: Mapping[str, Mapping[str, float]], rotations: Mapping[str, float]
+) -> dict[int, float]:
+    """Return the parameters of offsets by name and axis, mm, and of rotations, degrees."""
     values: dict[int, float] = {}
     for name, place in offsets.items():
         first = numbers.SHIFT if name == "G92" else numbers.origin(numbers.SYSTEMS.index(name))
@@ -140,6 +146,8 @@ def parameters_of(offsets: Mapping[str, Mapping[str, float]]) -> dict[int, float
             values[first + AXIS_LETTERS.index(letter)] = value
     if any(offsets.get("G92", {}).values()):
         values[numbers.SHIFT_IN_EFFECT] = 1.0
+    for name, angle in rotations.items():
+        values[numbers.origin(numbers.SYSTEMS.index(name)) + numbers.ROTATION] = angle
     return values
 
 
@@ -230,9 +238,31 @@ def repair_job(order: RepairOrder) -> dict[str, Any]:
 
 
 def job_changed(name: str) -> UsageError:
-    """Return the refusal of a repair of a text that is no longer the one that was shown."""
-    message = f"{name} has changed since its repair was shown"
-    return UsageError(Diagnostic("job-changed", message, hint="look at the findings again"))
+    """Return the refusal of a change of a text that is no longer the one that was shown."""
+    message = f"{name} has changed since it was shown"
+    return UsageError(Diagnostic("job-changed", message, hint="look at the new text first"))
+
+
+# Findings of a text as it is typed, in the process of the coarse pictures.
+
+LONGEST_READING = 10.0
+"""Time after which the reading of a text that is typed ends, s."""
+
+
+def typed_findings(order: CheckOrder, text: str) -> list[dict[str, Any]]:
+    """Return the findings of a text that stands in no file yet, as those of a check."""
+    with chdir(order.library), tempfile.TemporaryDirectory(prefix="cnc-typed-") as folder:
+        settings = Settings(order.machine_in(Path(folder)), RunOptions())
+        control = Control()
+        timer = threading.Timer(LONGEST_READING, control.stop)
+        timer.start()
+        try:
+            findings = analysed(Document.of(order.name, text), settings, control).findings
+        except CncError as error:
+            findings = [error.diagnostic]
+        finally:
+            timer.cancel()
+    return [asdict(Finding.of(finding)) for finding in findings]
 
 
 # Simulated cuts of jobs, in the process of the checks.

@@ -16,16 +16,16 @@ from concurrent.futures import BrokenExecutor, Future
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from cnc.machine.height_map import HeightMap, save_height_map
 from cnc.machine.load import with_stock
 from cnc.model.diagnostics import CncError, Diagnostic, UsageError
 from cnc.operate.events import ConsoleLine, Event, Finding, JobEnded, Notice, as_object
-from cnc.operate.height_mapping import Grid
+from cnc.operate.height_mapping import Grid, PointsAgain
 from cnc.operate.operator_session import OperatorSession, SessionAccess
 from cnc.operate.program_runs import failed
-from cnc.operate.state_view import work_zero
+from cnc.operate.state_view import refuse_turned, work_zero
 from cnc.server.checking import (
     Checker,
     CheckOrder,
@@ -38,10 +38,13 @@ from cnc.server.checking import (
     prepare,
     repair_job,
     sketch_job,
+    typed_findings,
 )
-from cnc.server.library import OWN, Library, Run, TextLines
+from cnc.server.library import OWN, Library, Run, TextLines, checked
 from cnc.session.options import RunOptions
 from cnc.session.repairs import Place
+
+T = TypeVar("T")
 
 # Control of the machine: one client has it, the others watch.
 
@@ -324,7 +327,10 @@ class Console:
             UsageError: ``no-such-job``, ``no-such-system``, ``stock-missing``, ``stock-malformed``.
         """
         self.library.path(name)
-        zero = work_zero(self.session.offsets, system) if system else {}
+        session = self.session
+        if system and stock:
+            refuse_turned(system, session.rotations, "the raw part stands along the axes")
+        zero = work_zero(session.offsets, system, session.rotations) if system else {}
         machine = self.session.limited_machine
         if stock:
             with_stock(machine, stock, zero)
@@ -381,10 +387,20 @@ class Console:
     async def _repair(self, order: RepairOrder) -> dict[str, Any]:
         with self._lock:
             future = self._workers().pool.submit(repair_job, order)
+        return await self._of_process(future)
+
+    async def typed(self, name: str, text: str) -> list[dict[str, Any]]:
+        """Return the findings of a text as it is typed, see :func:`typed_findings`."""
+        order = await asyncio.to_thread(self._order, checked(name))
+        with self._lock:
+            future = self._workers().sketches.submit(typed_findings, order, text)
+        return await self._of_process(future)
+
+    async def _of_process(self, future: Future[T]) -> T:
+        """Return the result of a process; the next order begins with a new one if it has died."""
         try:
             return await asyncio.wrap_future(future)
         except BrokenExecutor:
-            # The next order begins with a new process.
             with self._lock:
                 self._checker = None
             raise
@@ -396,7 +412,10 @@ class Console:
 
     def _order(self, name: str) -> CheckOrder:
         session = self.session
-        machine, parameters = session.limited_machine, parameters_of(session.offsets)
+        machine, parameters = (
+            session.limited_machine,
+            parameters_of(session.offsets, session.rotations),
+        )
         return CheckOrder(name, self.library.folder, machine, parameters)
 
     async def run(self, name: str, options: RunOptions) -> None:
@@ -526,6 +545,16 @@ class Console:
         session = self.session
         await asyncio.wrap_future(session.ask(OperatorSession.select_system, system))
         future = await asyncio.wrap_future(session.ask(OperatorSession.probe_grid, grid))
+        return self._keep_map(name, file, future)
+
+    async def probe_points(self, name: str, again: PointsAgain) -> Future[HeightMap]:
+        """Begin to probe points of a height map again; the event ``height-map`` ends it."""
+        asked = self.session.ask(OperatorSession.probe_points, again)
+        file = self.library.height_map_file(name)
+        return self._keep_map(name, file, await asyncio.wrap_future(asked))
+
+    def _keep_map(self, name: str, file: Path, future: Future[HeightMap]) -> Future[HeightMap]:
+        """Write a height map when it is probed."""
 
         def probed(done: Future[HeightMap]) -> None:
             if not done.cancelled() and done.exception() is None:
@@ -544,6 +573,10 @@ class Console:
     def jobs_changed(self) -> None:
         """Tell the clients that the library has changed."""
         self.hub.publish_object({"event": "jobs", "time": time.time()})
+
+    def macros_changed(self) -> None:
+        """Tell the clients that a macro has changed."""
+        self.hub.publish_object({"event": "macros", "time": time.time()})
 
     def _control_changed(self, holder: str | None) -> None:
         self.session.ask(OperatorSession.release_jog)

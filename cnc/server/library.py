@@ -3,7 +3,7 @@
     LIBRARY/part.nc                        the programs
     LIBRARY/height-maps/plate.json         the height maps
     LIBRARY/.cncrun/history.jsonl          one run a line
-    LIBRARY/.cncrun/part.nc.log            the log of the last run
+    LIBRARY/.cncrun/logs/1764.250 part.nc  the log of the run that began at this time
     LIBRARY/.cncrun/part.nc.check.json     the summary of the last check
     LIBRARY/.cncrun/part.nc.path.json      its toolpath
 
@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
 import re
 import tempfile
@@ -29,6 +30,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 from cnc.machine.height_map import HeightMap, load_height_map
 from cnc.model.diagnostics import Diagnostic, UsageError, printable
 from cnc.operate.events import Finding
+from cnc.operate.program_session import macro_names
 from cnc.report.models import Summary
 from cnc.session.checkpoint import Checkpoint
 
@@ -38,10 +40,14 @@ MOST_BYTES = 220
 DEVICE = re.compile(r"(?:con|prn|aux|nul|com\d|lpt\d)(?:\..*)?", re.IGNORECASE)
 """Names of devices on Windows."""
 MAP_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,79}", re.ASCII)
+MACRO_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 _-]{0,79}\.(?:ngc|nc)", re.ASCII)
 MAPS = "height-maps"
 OWN = ".cncrun"
+LOGS = "logs"
 MOST_HISTORY = 1000
 """Runs of the history that are kept."""
+MOST_LOGS = 200
+"""Logs of runs that are kept."""
 MOST_LOG = 2_000_000
 """Characters of a log that are sent."""
 PIECE = 1 << 20
@@ -148,8 +154,10 @@ class Library:
     def remove(self, name: str) -> None:
         """Remove a job and its files, but not its history."""
         self.path(name).unlink()
-        for kind in ("log", *RESULTS):
+        for kind in RESULTS:
             self.own(name, kind).unlink(missing_ok=True)
+        for _, log in self._logs(name):
+            log.unlink(missing_ok=True)
         with contextlib.suppress(OSError):
             (self.folder / f"{name}.checkpoint").unlink()
 
@@ -159,7 +167,7 @@ class Library:
             self.own(name, kind).unlink(missing_ok=True)
 
     def own(self, name: str, kind: str) -> Path:
-        """Return a file about a job: ``log``, or one of RESULTS."""
+        """Return a file about a job: one of RESULTS."""
         return self.folder / OWN / f"{checked(name)}.{kind}"
 
     def summary(self, name: str) -> dict[str, Any] | None:
@@ -208,8 +216,24 @@ class Library:
         folder.mkdir(exist_ok=True)
         return folder / f"{name}.json"
 
+    def macro(self, name: str) -> Path:
+        """Return the file of a macro. UsageError ``no-such-macro``."""
+        if name not in macro_names(self.macros):
+            hint = "GET /api/macros lists them"
+            raise UsageError(Diagnostic("no-such-macro", f"there is no macro {name}", hint=hint))
+        return self.macros / name
+
+    def write_macro(self, name: str, text: str) -> None:
+        """Write a macro as a whole. UsageError ``macro-unfit``, ``can-not-write``."""
+        file = self.macros / name
+        if not MACRO_NAME.fullmatch(name) or DEVICE.fullmatch(name) or file.is_symlink():
+            hint = "use letters, digits, blanks, _ and -, and the ending .ngc"
+            raise unfit_macro(f"{name[:80]!r} cannot be the name of a macro", hint)
+        self.macros.mkdir(exist_ok=True)
+        self._replace(file, text.encode("utf-8", "replace"))
+
     def add_run(self, run: Run, log: str) -> None:
-        """Add the beginning or the end of a run to the history, and replace the log of its job."""
+        """Add the beginning or the end of a run to the history, and write its log."""
         self.running = run if run.outcome == "running" else None
         file = self.folder / OWN / "history.jsonl"
         with file.open("a+b") as target:
@@ -222,7 +246,10 @@ class Library:
             kept = self.history(MOST_HISTORY // 2)
             lines = "".join(json.dumps(entry) + "\n" for entry in reversed(kept))
             self._replace(file, lines.encode())
-        self._replace(self.own(run.job, "log"), log.encode("utf-8", "replace"))
+        file = self._logs_folder() / f"{run.began:.3f} {run.job}"
+        self._replace(file, log.encode("utf-8", "replace"))
+        for _, old in self._logs()[MOST_LOGS:]:
+            old.unlink(missing_ok=True)
 
     def history(self, most: int = MOST_HISTORY, job: str | None = None) -> list[dict[str, Any]]:
         """Return the runs, the latest first; of one job, or of all.
@@ -257,13 +284,39 @@ class Library:
         line = 0 if last is None else last.line
         return {"job": runs[0]["job"], "began": runs[0]["began"], "line": line}
 
-    def log(self, name: str) -> str:
-        """Return the log of the last run of a job, the end of a long one; empty without a run."""
+    def log(self, name: str, began: float | None = None) -> str:
+        """Return the log of a run of a job, the end of a long one.
+
+        Args:
+            name: The job.
+            began: Time of its beginning, s since the epoch; None for the last run.
+
+        Returns:
+            The log; empty if there is none, or none any more.
+        """
         self.path(name)
+        logs = self._logs(name)
+        if began is not None:
+            logs = [log for log in logs if math.isclose(log[0], began, rel_tol=0.0, abs_tol=1e-3)]
         try:
-            return self.own(name, "log").read_text(encoding="utf-8")[-MOST_LOG:]
+            return logs[0][1].read_text(encoding="utf-8")[-MOST_LOG:] if logs else ""
         except OSError:
             return ""
+
+    def _logs_folder(self) -> Path:
+        folder = self.folder / OWN / LOGS
+        folder.mkdir(exist_ok=True)
+        return folder
+
+    def _logs(self, job: str | None = None) -> list[tuple[float, Path]]:
+        """Return the logs of a job or of all, with the times of the runs, the latest first."""
+        logs = []
+        for entry in os.scandir(self._logs_folder()):
+            began, _, name = entry.name.partition(" ")
+            with contextlib.suppress(ValueError):
+                if job in (None, name):
+                    logs.append((float(began), Path(entry.path)))
+        return sorted(logs, reverse=True)
 
     def _replace(self, file: Path, data: bytes) -> None:
         try:
@@ -297,6 +350,11 @@ def checked(name: str) -> str:
         hint = "give it another name, with an ending such as .nc"
         raise UsageError(Diagnostic("job-name", message, hint=hint))
     return name
+
+
+def unfit_macro(message: str, hint: str) -> UsageError:
+    """Return the refusal of a macro."""
+    return UsageError(Diagnostic("macro-unfit", message, hint=hint))
 
 
 class TextLines:

@@ -9,6 +9,10 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 from cnc.machine.height_map import TOLERANCE
 from cnc.model.choices import Interpolation
 
+MOST_TYPED = 500_000
+"""Characters of a text whose findings are shown as it is typed."""
+MOST_MACRO = 100_000
+"""Characters of a macro."""
 Letter = Annotated[str, Field(pattern="^[a-z]$")]
 Percent = Annotated[FiniteFloat, Field(ge=1, le=200)]
 
@@ -122,6 +126,17 @@ class ProbeGrid(_Body):
     system: str = Field(default="G54", description="Coordinate system of the grid.")
 
 
+class ProbeAgain(_Body):
+    """Points of a height map to probe again."""
+
+    points: list[tuple[int, int]] = Field(
+        min_length=1, max_length=4900, description="Column and row of each, from 0."
+    )
+    clear: FiniteFloat = Field(default=2.0, gt=0, description="Z between the points, mm.")
+    depth: FiniteFloat = Field(default=2.0, gt=0, description="Lowest Z of a contact, mm below 0.")
+    feed: FiniteFloat = Field(default=60.0, gt=0, description="Speed of the contacts, mm/min.")
+
+
 class CheckJob(_Body):
     """How to check a job."""
 
@@ -148,6 +163,26 @@ class RepairJob(_Body):
     column: int = Field(ge=0, description="Its column.")
     version: str = Field(max_length=80, description="The text that was shown.")
     unsafe: bool = Field(default=False, description="The program may do something else then.")
+
+
+class NewJob(_Body):
+    """A simple job to write into the library."""
+
+    name: str = Field(max_length=300, description="Name of the program.")
+    parameters: dict[str, float | str] = Field(default={}, description="Those not at the default.")
+    replace: bool = Field(default=False, description="Replace a program of this name.")
+
+
+class TypedText(_Body):
+    """A text that is typed."""
+
+    text: str = Field(max_length=MOST_TYPED)
+
+
+class MacroText(_Body):
+    """The text of a macro."""
+
+    text: str = Field(max_length=MOST_MACRO)
 
 
 class RunJob(_Body):

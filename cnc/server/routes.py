@@ -16,16 +16,17 @@ from typing import Annotated, Any, Concatenate, ParamSpec, TypeVar
 
 from fastapi import APIRouter, Depends, Header, HTTPException, Query, Request
 from fastapi.responses import FileResponse
+from pydantic import FiniteFloat
 
 from cnc.boards.registry import board_names
 from cnc.model import parameter_numbers as numbers
 from cnc.model.diagnostics import Diagnostic, UsageError
 from cnc.model.units import per_minute, per_second
 from cnc.operate.events import as_object
-from cnc.operate.height_mapping import Grid
+from cnc.operate.height_mapping import Grid, PointsAgain
 from cnc.operate.operator_session import OperatorSession, begin_jog
 from cnc.operate.probing import cycles, mdi_line
-from cnc.operate.program_session import macro_names
+from cnc.server.checking import job_changed
 from cnc.server.console import Console
 from cnc.server.library import OWN, Library, checked
 from cnc.server.models import (
@@ -45,6 +46,7 @@ from cnc.server.models import (
     JogStep,
     LogText,
     Override,
+    ProbeAgain,
     ProbeGrid,
     Repair,
     RepairJob,
@@ -246,12 +248,6 @@ async def entered_lines(console: Shared) -> list[str]:
 async def mdi(body: EnteredLine, console: Controlled) -> Accepted:
     """Run a line."""
     return await accepted(await ask(console, OperatorSession.mdi, body.line))
-
-
-@router.get("/macros")
-async def macros(console: Shared) -> list[str]:
-    """Return the names of the macros."""
-    return macro_names(console.library.macros)
 
 
 @router.post("/macros/{name}/run")
@@ -484,10 +480,21 @@ def left_out(console: Shared) -> list[dict[str, str]]:
         }
     },
 )
-async def upload(name: str, request: Request, console: Shared) -> dict[str, Any]:
-    """Write a program into the library: the body is ``{"text": "..."}``."""
+async def upload(
+    name: str, request: Request, console: Shared, changed: FiniteFloat | None = None
+) -> dict[str, Any]:
+    """Write a program into the library: the body is ``{"text": "..."}``.
+
+    With ``changed`` only the text of this time is replaced; 409 ``job-changed`` for another.
+    """
     library = console.library
-    console.refuse_change(checked(name))
+
+    def refuse() -> None:
+        console.refuse_change(checked(name))
+        if changed is not None and library.path(name).stat().st_mtime != changed:
+            raise job_changed(name)
+
+    refuse()
     decoder = UploadDecoder()
     handle, draft = tempfile.mkstemp(dir=library.folder / OWN)
     try:
@@ -497,6 +504,7 @@ async def upload(name: str, request: Request, console: Shared) -> dict[str, Any]
                     target.write(text)
                     # Other requests, and the machine, have their turn between two pieces.
                     await asyncio.sleep(0)
+        refuse()
         library.adopt(name, Path(draft))
     finally:
         Path(draft).unlink(missing_ok=True)
@@ -637,9 +645,9 @@ async def run(name: str, body: RunJob, console: Controlled) -> Accepted:
 
 
 @router.get("/jobs/{name}/log")
-def log(name: str, console: Shared) -> LogText:
-    """Return the log of the last run."""
-    return LogText(text=console.library.log(name))
+def log(name: str, console: Shared, began: FiniteFloat | None = None) -> LogText:
+    """Return the log of the run that began at a time, s since 1970; else of the last one."""
+    return LogText(text=console.library.log(name, began))
 
 
 @router.get("/unfinished")
@@ -682,3 +690,12 @@ async def probe_height_map(name: str, body: ProbeGrid, console: Controlled) -> A
     """Begin to probe a grid; the event ``height-map`` ends it, and an alarm tells what failed."""
     grid = Grid(**body.model_dump(exclude={"system"}))
     return await accepted(await console.probe_grid(name, grid, body.system))
+
+
+@router.post("/height-maps/{name}/again")
+async def probe_points(name: str, body: ProbeAgain, console: Controlled) -> Accepted:
+    """Begin to probe points of a height map again, as ``probe``."""
+    points = tuple(body.points)
+    surface = console.library.height_map(name)
+    again = PointsAgain(surface=surface, **body.model_dump(exclude={"points"}), points=points)
+    return await accepted(await console.probe_points(name, again))

@@ -38,7 +38,7 @@ from cnc.operate.events import Finding, as_object
 from cnc.operate.operator_session import OperatorSession
 from cnc.operate.probing import shipped_cycles
 from cnc.operate.remote_session import SWITCH_S, RemoteSession
-from cnc.server import routes
+from cnc.server import routes, writing
 from cnc.server.console import Client, Console, encoded
 from cnc.server.library import OWN, Library
 from cnc.server.security import Access, Guard, Rates, link
@@ -155,10 +155,12 @@ STATUS = {
     "not-connected": 409,
     "board-connected": 409,
     "job-changed": 409,
+    "job-exists": 409,
     "repair-unsafe": 409,
     "no-such-job": 404,
     "no-such-macro": 404,
     "no-such-cycle": 404,
+    "job-kind": 404,
     "height-map-name": 404,
 }
 TYPES = {
@@ -202,6 +204,7 @@ def create_app(console: Console, access: Access, rates: Rates | None = None) -> 
     )
     app.state.console = console
     app.include_router(routes.router)
+    app.include_router(writing.router)
     app.add_api_websocket_route("/api/events", _events)
     app.add_api_route("/", _index, include_in_schema=False)
     app.add_api_route("/page/{name}", _page, include_in_schema=False)
@@ -276,6 +279,7 @@ async def _send(websocket: WebSocket, console: Console, client: Client) -> None:
         "state": as_object(session.state),
         "dialog": None if dialog is None else as_object(dialog),
         "offsets": session.offsets,
+        "rotations": session.rotations,
     }
     await websocket.send_text(encoded([hello]))
     while True:

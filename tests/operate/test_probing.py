@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from cnc.gcode.core.tool_table import ToolTable
-from cnc.machine.height_map import load_height_map, save_height_map
+from cnc.machine.height_map import HeightMap, load_height_map, save_height_map
 from cnc.machine.load import load_machine
 from cnc.model.diagnostics import BoardError, UsageError
-from cnc.operate.height_mapping import Grid
+from cnc.operate.height_mapping import Grid, PointsAgain
 from cnc.operate.operator_session import OperatorSession
 from cnc.operate.probing import cycles, mdi_line, shipped_cycles
 from cnc.simulators.grbl.workpiece import Box, HalfSpace, Hole, Workpiece
@@ -54,7 +54,7 @@ def test_the_shipped_cycles_have_titles_and_parameters():
     found = {each.name: each for each in cycles(with_folder(load_machine(None), shipped_cycles()))}
     assert set(found) == {
         "probe_z", "probe_edge_x", "probe_edge_y", "probe_corner", "probe_hole", "tool_length",
-        "go_to", "trace_outline",
+        "probe_angle", "go_to", "trace_outline",
     }  # fmt: skip
     assert all(each.title and each.parameters for each in found.values())
     assert [each.name for each in found["probe_z"].parameters] == ["thickness", "distance", "feed"]
@@ -186,6 +186,50 @@ def test_the_first_contact_of_a_grid_can_set_z(session):
     found = session.probe_grid(grid).result(PATIENCE)
     assert np.abs(found.heights).max() <= CLOSE
     assert session.offsets["G54"]["z"] == pytest.approx(-1.5, abs=CLOSE)
+
+
+def test_points_of_a_map_are_probed_again(session):
+    """A chip of 0.4 mm lay at a corner; the map is right after the two points are probed again."""
+    on(session, Box((-5.0, 40.0), (-5.0, 40.0), -0.5), Box((5.0, 9.0), (-5.0, 1.0), -0.1))
+    grid = Grid(x=(0.0, 6.0), y=(0.0, 6.0), step=3.0, clear=1.0, depth=2.0, feed=1500.0)
+    first = session.probe_grid(grid).result(PATIENCE)
+    assert first.heights[0][2] == pytest.approx(-0.1, abs=CLOSE)
+    on(session, Box((-5.0, 40.0), (-5.0, 40.0), -0.5))
+    values = {"clear": 1.0, "depth": 2.0, "feed": 1500.0}
+    again = PointsAgain(surface=first, points=((2, 0), (1, 2)), **values)
+    assert again.program(5.0).count("G38.2") == 2
+    second = session.probe_points(again).result(PATIENCE)
+    assert np.array(second.heights) == pytest.approx(np.full((3, 3), -0.5), abs=CLOSE)
+    assert second.model_copy(update={"heights": first.heights}) == first
+    # A contact that does not come leaves the map, as does another zero.
+    on(session, Box((50.0, 55.0), (50.0, 55.0), -0.5))
+    with pytest.raises(BoardError, match="height-map-grid"):
+        session.probe_points(again).result(PATIENCE)
+
+
+@pytest.mark.parametrize(
+    ("changes", "system", "zero", "reason"),
+    [
+        ({"points": ()}, "G54", {}, "no point"),
+        ({"points": ((3, 0),)}, "G54", {}, "outside of the 2 x 2"),
+        ({"points": ((0, -1),)}, "G54", {}, "outside of the 2 x 2"),
+        ({"clear": 0.5}, "G54", {}, "above the surface"),
+        ({"feed": math.nan}, "G54", {}, "not a number"),
+        ({}, "G55", {}, "the map is of G54"),
+        ({}, "G54", {"z": 0.01}, "not the one of the map"),
+        ({}, "G54", {"x": 0.01}, "not the one of the map"),
+    ],
+)
+def test_points_of_another_surface_are_refused(changes, system, zero, reason):
+    surface = HeightMap(
+        x=(0.0, 9.0), y=(0.0, 9.0), heights=((0.0, 0.8), (0.0, 0.8)), system="G54",
+        work_zero={"x": 1.0, "y": 2.0, "z": 3.0},
+    )  # fmt: skip
+    again = PointsAgain(**({"surface": surface, "points": ((0, 0),)} | changes))
+    here = {axis: surface.work_zero[axis] + zero.get(axis, 0.0) for axis in "xyz"}
+    with pytest.raises(UsageError, match="height-map-grid") as refused:
+        again.check(system, here)
+    assert reason in refused.value.diagnostic.message
 
 
 def test_a_grid_with_a_missing_contact_is_no_map(session):

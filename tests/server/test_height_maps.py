@@ -32,6 +32,19 @@ def test_a_grid_is_probed_into_the_library(controller, console):
     found = controller("GET", "/api/height-maps/plate").json()
     assert (found["x"], found["y"]) == ([0.0, 2.0, 4.0], [0.0, 2.0])
     assert found["heights"] == [[pytest.approx(-1.5)] * 3] * 2
+    again = {"points": [[2, 1]], "clear": 1, "depth": 1.25, "feed": 6000}
+    path = "/api/height-maps/plate/again"
+    assert controller("POST", path, again).status_code == 200
+    wait_until(lambda: not console.session._worker._busy)
+    wait_until(
+        lambda: (
+            controller("GET", "/api/height-maps/plate").json()["heights"]
+            == [[pytest.approx(-1.5)] * 3, [pytest.approx(-1.5)] * 2 + [pytest.approx(-1.25)]]
+        )
+    )
+    for wrong in ({"points": []}, {"points": [[1]]}, {"points": [[9, 0]]}):
+        assert controller("POST", path, again | wrong).status_code == 400
+    assert controller("POST", "/api/height-maps/none/again", again).status_code == 404
     assert controller("DELETE", "/api/height-maps/plate").status_code == 200
     assert "plate" not in controller("GET", "/api/height-maps").json()
 

@@ -12,7 +12,7 @@ let marks = new Map();  // the findings of each line of the text
 
 /**
  * Show the findings of a program.
- * `go` is called with the line of a finding that is pressed, `repaired` with that of a finding that is repaired.
+ * `go` is called with line and column of a finding that is pressed, `repaired` with that of a finding that is repaired.
  */
 export function showFindings(findings, job, go, repaired) {
   marks = new Map();
@@ -26,7 +26,7 @@ export function showFindings(findings, job, go, repaired) {
     button.dataset.sign = SIGNS[severity];
     help.textContent = visible([column ? `column ${column}` : "", worded(hint ?? "")].filter(Boolean).join(": "));
     button.append(help);
-    button.addEventListener("click", () => { if (line && isHere) go(line); });
+    button.addEventListener("click", () => { if (line && isHere) go(line, column); });
     item.append(button);
     if (fix && isHere) {
       const made = Object.assign(document.createElement("button"), {type: "button", textContent: "Repair"});
@@ -55,17 +55,21 @@ async function repair({code, line, column}, job, repaired) {
   await repaired(line);
 }
 
-/** Write a line of the text into its row, with the sign of its worst finding and a mark at the place of each. */
-export function writeLine(row, number, text) {
+/** Return the sign of the worst finding of a line, a blank without one; its row gets the class of it, and the messages. */
+export function markSign(row, number) {
   const here = marks.get(number) ?? [], worst = Object.keys(SIGNS).find(each => here.some(({severity}) => severity === each));
-  const letters = [...number === 1 ? text.replace(/^\ufeff/, "") : text];
-  row.textContent = `${SIGNS[worst] ?? " "}${String(number).padStart(6)}  `;
   if (worst) {
     row.classList.add(worst);
     row.title = here.map(({code, message}) => visible(`${code}: ${message}`)).join("\n");
   }
+  return SIGNS[worst] ?? " ";
+}
+
+/** Add the text of a line to its row, with a mark at the place of each finding. */
+export function writeMarks(row, number, text) {
+  const letters = [...number === 1 ? text.replace(/^\ufeff/, "") : text];
   let at = 0;
-  for (const {column, severity} of [...here].sort((a, b) => a.column - b.column)) {
+  for (const {column, severity} of [...marks.get(number) ?? []].sort((a, b) => a.column - b.column)) {
     if (!column || column <= at || column > letters.length + 1) continue;
     const place = document.createElement("mark");
     let end = column;
@@ -77,4 +81,10 @@ export function writeLine(row, number, text) {
     at = end;
   }
   row.append(letters.slice(at).join(""));
+}
+
+/** Write a line of the text into its row, with the sign of its worst finding and a mark at the place of each. */
+export function writeLine(row, number, text) {
+  row.textContent = `${markSign(row, number)}${String(number).padStart(6)}  `;
+  writeMarks(row, number, text);
 }

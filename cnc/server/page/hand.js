@@ -1,9 +1,10 @@
 // By hand: the zero with its undo, moves to places, the outline of the cuts, spindle and coolant, entered lines, macros.
 
-import {attempt, get, on, post} from "./api.js";
+import {attempt, get, on, post, visible} from "./api.js";
 import {askYes} from "./asking.js";
+import {editMacro} from "./editing.js";
 import * as jobs from "./jobs.js";
-import {machine, needs, offsets, say, shown, state} from "./machine.js";
+import {machine, needs, rotations, say, shown, state} from "./machine.js";
 import {icon, keep, kept} from "./parts.js";
 import {cutBox} from "./picture.js";
 
@@ -21,6 +22,7 @@ export function begin() {
   on("hello", event => { last = event.state.board ? event.offsets : null; });
   on("offsets", event => noteChange(event.offsets));
   on("state", ({board}) => { if (!board) [changes, last] = [[], null]; });
+  element("straight").addEventListener("click", () => attempt(() => post("mdi", {line: `G10 L2 P${machine.systems.indexOf(state.system) + 1} R0`})));
   showUndo();
   movesToPlaces();
   spindleAndCoolant();
@@ -53,16 +55,24 @@ function showUndo() {
   needs();
 }
 
+/** Return lengths with X and Y turned by degrees, counter-clockwise. */
+export function turned(values, degrees) {
+  const [c, s] = [Math.cos(degrees * Math.PI / 180), Math.sin(degrees * Math.PI / 180)], {x, y} = values;
+  return degrees ? {...values, x: c * x - s * y, y: s * x + c * y} : values;
+}
+
 async function undoZero() {
-  const {system, letters, before, after} = changes.at(-1), now = await get("offsets"), here = await get("state");
+  const {system, letters, before, after} = changes.at(-1), now = await get("offsets"), here = await get("state"), angle = rotations[system] ?? 0;
   if (letters.some(letter => Math.abs(now[system][letter] - after[letter]) > SAME)) {
     changes = [];
     showUndo();
     say(`${system} was changed elsewhere since: nothing is undone\nsee the offsets, and set the zero again`);
     return;
   }
-  // The work position shown is that of the system in use; the offset that was there gives the one to set.
-  const axes = Object.fromEntries(letters.map(letter => [letter, here.work[letter] + now[here.system][letter] - before[letter]]));
+  // The work position to set is that of this place in the system of before. X and Y of a turned system belong together.
+  const named = new Set(angle && letters.some(each => "xy".includes(each)) ? [...letters, "x", "y"] : letters);
+  const way = turned(Object.fromEntries(Object.keys(before).map(letter => [letter, here.machine[letter] - before[letter]])), -angle);
+  const axes = Object.fromEntries([...named].map(letter => [letter, way[letter] - (now.G92?.[letter] ?? 0)]));
   undoing = true;
   try {
     await post("zero", {axes, system});
@@ -94,7 +104,8 @@ async function move(cycle, parameters) {
   if (height !== null) await post(`probing/${cycle}/run`, {parameters: {...parameters, height}});
 }
 
-const goTo = (x, y) => attempt(() => move("go_to", {x, y}));
+/** Go to a machine position of X and Y, Z raised. */
+export const goTo = (x, y) => attempt(() => move("go_to", {x, y}));
 
 function movesToPlaces() {
   const usable = ["x", "y", "z"].every(letter => letter in machine.axes) && machine.kind !== "lathe";
@@ -112,8 +123,7 @@ function movesToPlaces() {
     showLift();
   });
   showLift();
-  // Zero of the system in use: the machine position where the work position is 0.
-  element("go-zero").addEventListener("click", () => goTo(state.machine.x - state.work.x, state.machine.y - state.work.y));
+  element("go-zero").addEventListener("click", () => goTo(state.zero.x, state.zero.y));
   element("raise").addEventListener("click", () => goTo(state.machine.x, state.machine.y));
   element("outline").addEventListener("click", () => attempt(traceOutline));
   places = kept(named()) ?? [];
@@ -190,10 +200,10 @@ function entered() {
       showEntered();
     }
   });
-  attempt(async () => {
-    showMacros(await get("macros"));
-    await showEntered();
-  });
+  const list = async () => showMacros(await get("macros"));
+  on("macros", () => attempt(list));
+  attempt(list);
+  attempt(showEntered);
 }
 
 async function showEntered() {
@@ -203,11 +213,17 @@ async function showEntered() {
 
 function showMacros(names) {
   element("macros").replaceChildren(...names.map(name => {
-    const made = Object.assign(document.createElement("button"), {type: "button", textContent: name});
-    made.dataset.needs = "link control board idle";
-    made.addEventListener("click", () => attempt(() => post(`macros/${encodeURIComponent(name)}/run`)));
-    return made;
+    const item = document.createElement("li"), run = Object.assign(document.createElement("button"), {type: "button"}), edit = Object.assign(document.createElement("button"), {type: "button", className: "icon-only"});
+    run.dataset.needs = "link control board idle";
+    run.append(icon("play"), visible(name));
+    run.addEventListener("click", () => attempt(() => post(`macros/${encodeURIComponent(name)}/run`)));
+    edit.dataset.needs = "link control";
+    edit.setAttribute("aria-label", `Change ${name}`);
+    edit.append(icon("pencil"));
+    edit.addEventListener("click", () => attempt(() => editMacro(name)));
+    item.append(run, document.createElement("span"), edit);
+    return item;
   }));
-  if (!names.length) element("macros").textContent = "The folder macros of the library is empty.";
+  if (!names.length) element("macros").append(Object.assign(document.createElement("li"), {textContent: "There is no macro yet."}));
   needs();
 }

@@ -2,6 +2,7 @@
 
 import {attempt, get, on, post, put, remove, visible} from "./api.js";
 import {askYes} from "./asking.js";
+import * as editing from "./editing.js";
 import {showFindings, writeLine} from "./findings.js";
 import {named, needs, say} from "./machine.js";
 import {showPart} from "./parts.js";
@@ -21,7 +22,10 @@ let changed = 0;         // time of the text that is shown
 let job = null, total = 0, now = 0, windows = new Map();
 
 export async function begin() {
-  element("jobs").addEventListener("change", () => open(element("jobs").value));
+  element("jobs").addEventListener("change", () => attempt(async () => {
+    if (await editing.leave()) await open(element("jobs").value);
+    else element("jobs").value = job;
+  }));
   element("upload").addEventListener("change", upload);
   element("check").addEventListener("click", () => attempt(() => check()));
   element("height-map").addEventListener("change", () => attempt(check));
@@ -69,16 +73,14 @@ export async function begin() {
     // Who watches sees the program that runs.
     const isNew = event.activity === "program" && event.program !== running;
     running = event.activity === "program" ? event.program : "";
-    if (isNew && running !== job && !uploading && [...element("jobs").options].some(({value}) => value === running)) {
+    if (isNew && running !== job && !uploading && !editing.isOpen() && [...element("jobs").options].some(({value}) => value === running)) {
       element("jobs").value = running;
       open(running);
     }
-    const line = event.program === job ? event.line : 0;
-    if (line === now) return;
-    now = line;
-    if (line) follow(line);
-    showText();
+    if (picture.isPlayed()) return;
+    mark(event.program === job ? event.line : 0);
   });
+  on("played", ({line}) => mark(line));
   await list();
   // A run that the end of the server has cut off is told at once, and again with the board.
   await showUnfinished();
@@ -87,6 +89,14 @@ export async function begin() {
     if (event.board && event.board !== board && event.activity === "none") attempt(showUnfinished);
     board = event.board;
   });
+}
+
+/** Mark the line that is carried out, or played. */
+function mark(line) {
+  if (line === now) return;
+  now = line;
+  if (line) follow(line);
+  showText();
 }
 
 /** Tell of the last run if the server was killed during it, and offer the line at which it can go on. */
@@ -159,11 +169,27 @@ async function upload(event) {
   uploading = true;
   await attempt(async () => {
     await put(`jobs/${encodeURIComponent(file.name)}`, {text});
-    await list();
-    job = element("jobs").value = file.name;
-    await open(file.name);
+    await openNew(file.name);
   }).finally(() => { uploading = false; });
 }
+
+/** Open a program that was written into the library, and check it. */
+export async function openNew(name) {
+  uploading = true;
+  try {
+    await list();
+    element("jobs").value = name;
+    await open(name);
+  } finally {
+    uploading = false;
+  }
+}
+
+/** Return the name of the program that is open, or null. */
+export const opened = () => job;
+
+/** Open the program again, as it is now. */
+export const reopen = () => open(job);
 
 async function check() {
   if (job === null) return;
@@ -215,6 +241,7 @@ async function showCut({name, ok, findings}) {
 }
 
 function listFindings(findings) {
+  if (editing.isOpen()) return;
   const mine = job, go = line => {
     follow(line);
     if (line !== chosen) choose(line);

@@ -12,7 +12,7 @@ const BRIEF = 6000;  // ms
 
 export let machine = {axes: {}};
 export let state = {state: "disconnected", machine: {}, work: {}};
-export let offsets = {};
+export let rotations = {};
 let isOpen = false, place = null, hasMet = false, brief = 0;
 
 /** Return a number with three decimals and a true minus sign. */
@@ -55,7 +55,7 @@ export async function begin() {
   buttons();
   explain(say);
   on("hello", event => {
-    offsets = event.offsets;
+    rotations = event.rotations;
     showHolder(event.holder);
     showState(event.state);
     // Who opens the page begins where the next step is.
@@ -67,7 +67,7 @@ export async function begin() {
   on("state", showState);
   on("job-progress", ({program, line, lines}) => { if (program === state.program && lines) place = line / lines; });
   on("control", event => showHolder(event.holder));
-  on("offsets", event => { offsets = event.offsets; });
+  on("offsets", event => { rotations = event.rotations; });
   on("dialog", ask);
   on("dialog-closed", event => { if (String(event.id) === element("question").dataset.id) closeQuestion(); });
   on("alarm", ({finding}) => say([finding.line ? `line ${finding.line}: ${finding.message}` : finding.message, finding.hint].filter(Boolean).join("\n")));
@@ -221,7 +221,12 @@ function showState(event) {
   for (const kind of ["work", "machine"]) for (const letter of Object.keys(machine.axes)) {
     write(element(`${kind}-${letter}`), shown(event[kind][letter]));
   }
-  write(element("system-name"), event.system);
+  const angle = event.rotation ? `\u2220 ${event.rotation.toFixed(3).replace("-", "\u2212")}\u00b0` : "";
+  write(element("system-name"), [event.system, angle].filter(Boolean).join(" "));
+  // Each program of a turned system goes another way: it is never in use unseen.
+  element("system-name").classList.toggle("turned", angle !== "");
+  element("straight").hidden = !angle;
+  write(element("straight").querySelector("span"), `Remove the rotation of ${event.system} (${angle})`);
   if (document.activeElement !== element("system")) element("system").value = event.system;
   const waits = event.pending > 0 ? ` (${Math.round(event.overrides.feed)} % in ${event.pending.toFixed(1)} s at most)` : "";
   showProgress(event);

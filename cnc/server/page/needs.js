@@ -24,6 +24,7 @@ const NEEDS = {
   unlocked: [({state}) => state.state !== "alarm", () => "the board is locked: home it, or press Unlock"],
   motion: [({state}) => MOVING.includes(state.state), () => "nothing moves that could be held"],
   held: [({state}) => state.held !== "" || ["held", "door"].includes(state.state), () => "nothing is held"],
+  saved: [() => element("edit-box").dataset.changed !== "true", () => "the text in the editor is not saved: save or close it first"],
   job: [() => element("jobs").value !== "", () => "the library is empty: upload a program first"],
 };
 

@@ -2,8 +2,11 @@
 
 /* global Scene, load, packages, upTo, VIEWS, FLOATS, NO_DASH */
 import {on} from "./api.js";
+import {drawDimensions} from "./dimensions.js";
 import {machine} from "./machine.js";
+import {icon} from "./parts.js";
 import {Part, decoded} from "./part.js";
+import * as playback from "./playback.js";
 
 const element = id => document.getElementById(id);
 const RAMP = {
@@ -15,10 +18,12 @@ const MOST_CHOSEN = 40000;  // numbers of the strokes of a line that is shown
 const MOST_REPORTS = 20000;
 const LEFT = 46, BOTTOM = 16, TOP = 6;
 
+let hasSizes = false;  // whether the dimensions are shown
 let whole = false;  // whether the picture is that of the plan
 let view = "3d";     // the view that is fitted to the canvas; null after a turn or a move by hand
 let size = "";       // of the canvas for which it was fitted: a hidden one has none
 let model = null, scene = null, part = null, job = null, state = null, due = false, reports = [], chosen = [];
+let box = null;      // of the cuts
 
 const shade = name => getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();
 const triple = colour => [1, 3, 5].map(k => parseInt(colour.slice(k, k + 2), 16) / 255);
@@ -32,6 +37,17 @@ export function begin() {
     });
     element("views").append(made);
   }
+  const sizes = Object.assign(document.createElement("button"), {type: "button", className: "icon-only", title: "Dimensions of the cuts"});
+  sizes.setAttribute("aria-label", sizes.title);
+  sizes.setAttribute("aria-pressed", "false");
+  sizes.append(icon("ruler"));
+  sizes.addEventListener("click", () => {
+    hasSizes = !hasSizes;
+    sizes.setAttribute("aria-pressed", String(hasSizes));
+    redraw();
+  });
+  element("views").append(sizes);
+  playback.begin(redraw);
   on("state", event => {
     const before = visible();
     state = event;
@@ -49,47 +65,62 @@ export function begin() {
 
 /** Forget the picture. */
 export function clear() {
-  model = scene = part = job = null;
+  model = scene = part = job = box = null;
   whole = false;
   reports = [];
   chosen = [];
   element("picture-note").textContent = "";
+  playback.take(0, () => 0);
   redraw();
 }
 
 /** Return whether the path of the check is shown. */
 export const isWhole = () => whole;
 
-/** Return the machine positions of the sides of the cuts of the whole path, [[low, high] of X, of Y], or null. */
+/** Return the machine positions of the sides of the cuts of the whole path, [low, high] of X, Y and Z, or null. */
 export function cutBox() {
   if (model === null || !whole) return null;
-  const {n, place, rapid, origin} = model.strokes, box = [[Infinity, -Infinity], [Infinity, -Infinity]];
-  for (let i = 1; i < n; i++) if (!rapid[i - 1]) for (const k of [0, 1]) for (const at of [i - 1, i]) {
+  const {n, place, rapid, origin} = model.strokes, box = [0, 1, 2].map(() => [Infinity, -Infinity]);
+  for (let i = 1; i < n; i++) if (!rapid[i - 1]) for (const k of [0, 1, 2]) for (const at of [i - 1, i]) {
     const value = place[3 * at + k] + origin[k];
     box[k] = [Math.min(box[k][0], value), Math.max(box[k][1], value)];
   }
   return box[0][0] > box[0][1] ? null : box;
 }
 
+/** Return the place of the tool between two points of the path, k and the next, at a time. */
+function between(k, time) {
+  const {t, place} = model.strokes, part = Math.min(Math.max((time - t[k]) / Math.max(t[k + 1] - t[k], 1e-12), 0), 1);
+  return [0, 1, 2].map(axis => place[3 * k + axis] + part * (place[3 * k + 3 + axis] - place[3 * k + axis]));
+}
+
+/** Return the place of the tool at a time of the plan. */
+const placeAt = time => between(Math.min(Math.max(upTo(model.strokes.t, time) - 1, 0), model.strokes.n - 2), time);
+
+/** Return the line of the program at a time of the plan, 0 for none. */
+function lineAt(time) {
+  const {t, first, file} = model.origins, i = upTo(t, time) - 1;
+  return i >= 0 && file[i] === 0 ? first[i] : 0;
+}
+
 /** Show the path of a source line over the others; 0 for none. */
 export function showLine(number) {
   chosen = [];
   if (model !== null && number) {
-    const {t: begins, first, more, file} = model.origins, {n, t, place} = model.strokes;
-    const at = (k, time) => [0, 1, 2].map(axis => {
-      const part = Math.min(Math.max((time - t[k]) / Math.max(t[k + 1] - t[k], 1e-12), 0), 1);
-      return place[3 * k + axis] + part * (place[3 * k + 3 + axis] - place[3 * k + axis]);
-    });
+    const {t: begins, first, more, file} = model.origins, {n, t} = model.strokes;
     for (let i = 0; i < begins.length; i++) if (file[i] === 0 && first[i] <= number && number <= first[i] + more[i]) {
       const end = begins[i + 1] ?? Infinity;
       for (let k = Math.max(upTo(t, begins[i]) - 1, 0); k + 1 < n && t[k] < end && chosen.length < MOST_CHOSEN; k++) {
-        chosen.push(...at(k, begins[i]), 0, 0, 0, 0, NO_DASH, ...at(k, end), 0, 0, 0, 0, NO_DASH);
+        chosen.push(...between(k, begins[i]), 0, 0, 0, 0, NO_DASH, ...between(k, end), 0, 0, 0, 0, NO_DASH);
       }
     }
   }
   element("space").dataset.chosen = chosen.length / 2 / FLOATS;
   redraw();
 }
+
+/** Return whether a time of the path is shown in place of the machine. */
+export const isPlayed = () => playback.shownTime() !== null;
 
 /** A run begins: the reported speeds of the last one go. */
 export function restart() {
@@ -111,6 +142,8 @@ export async function show(found, name, {isWhole = true, seconds = null} = {}) {
   if (!scene.gl) element("picture-note").textContent = "The path needs WebGL 2, which this browser does not have.";
   else element("picture-note").textContent = about.facts + (isOther(seconds, about.duration)
     ? `. This is the plan of cncrun; the board plans by itself and takes ${seconds.toFixed(1)} s.` : "");
+  playback.take(isWhole && about.duration > 0 && strokes.n > 1 ? about.duration : 0, lineAt);
+  box = cutBox();
   fit(view ?? "3d");
   redraw();
 }
@@ -175,15 +208,22 @@ function draw() {
   if (view !== null && size !== now) scene.look(view);
   size = now;
   const {origin} = model.strokes, dark = document.documentElement.dataset.theme === "dark";
-  const at = state?.machine ?? {}, place = ["x", "y", "z"].map((letter, k) => (at[letter] ?? NaN) - origin[k]);
+  const at = state?.machine ?? {}, played = playback.shownTime();
+  const place = played === null ? ["x", "y", "z"].map((letter, k) => (at[letter] ?? NaN) - origin[k]) : placeAt(played);
+  element("space").dataset.tool = place.map((each, k) => (each + origin[k]).toFixed(3)).join(" ");
   const over = place.some(Number.isNaN) ? chosen : [...tool(place), ...chosen];
   scene.choose(over.length ? new Float32Array(over) : null);
   scene.draw({
     channel: 0, range: [0, Math.max(model.about.limits[0] || 1, 1e-6)], ramp: RAMP[dark ? "dark" : "light"].map(triple),
     paper: triple(shade("paper")), rapid: triple(shade("rapid")), accent: triple(shade("reported")),
-    now: runs() ? state.run_time : Infinity,
+    now: played ?? (runs() ? state.run_time : Infinity),
   });
-  if (!runs()) part?.draw(scene, triple(shade("stock")));
+  if (!runs() && played === null) part?.draw(scene, triple(shade("stock")));
+  const project = (x, y, z) => scene.project(x - origin[0], y - origin[1], z - origin[2]);
+  // Along the axes of the machine a turned system has no places.
+  const zero = state?.rotation ? {} : state?.zero ?? {};
+  const texts = drawDimensions(element("over"), hasSizes ? box : null, project, zero, {ink: shade("ink"), paper: shade("paper")});
+  element("over").dataset.texts = texts.join("; ");
 }
 
 /** Return the numbers of the strokes of a tool whose tip is at a place: a tip and a shank. */
@@ -242,11 +282,12 @@ function chart() {
     pen.fill();
     pen.globalAlpha = 1;
   }
-  if (runs()) {
+  const time = playback.shownTime() ?? (runs() ? state.run_time : null);
+  if (time !== null) {
     pen.strokeStyle = shade("ink");
     pen.beginPath();
-    pen.moveTo(x(state.run_time), TOP);
-    pen.lineTo(x(state.run_time), TOP + height);
+    pen.moveTo(x(time), TOP);
+    pen.lineTo(x(time), TOP + height);
     pen.stroke();
   }
 }

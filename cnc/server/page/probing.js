@@ -2,6 +2,7 @@
 
 import {attempt, get, on, post} from "./api.js";
 import {say} from "./machine.js";
+import {sketch} from "./making.js";
 
 const element = id => document.getElementById(id);
 const BY_HAND = ["go_to", "trace_outline"];  // moves that have buttons of their own
@@ -12,6 +13,7 @@ const SKETCHES = {
   probe_edge_x: ["M64 8h46v48h-46z", "M26 32h32m-6 -5l6 5l-6 5", [24, 32]],
   probe_edge_y: ["M30 6h60v24h-60z", "M60 54v-18m-5 6l5 -6l5 6", [60, 56]],
   probe_corner: ["M56 6h54v34h-54z", "M30 22h20m-6 -5l6 5l-6 5M76 58v-12m-5 6l5 -6l5 6M30 54v-32M30 54h46", [30, 54]],
+  probe_angle: ["M14 14l92 -10v24l-92 10z", "M34 58v-19m-5 6l5 -6l5 6M88 52v-19m-5 6l5 -6l5 6M34 58h54", [34, 58]],
   probe_hole: ["M20 4h80v56h-80zM82 32a22 22 0 1 0 -44 0a22 22 0 1 0 44 0z", "M60 32h18m-5 -4l5 4l-5 4M60 32h-18m5 -4l-5 4l5 4M60 32v18m-4 -5l4 5l4 -5M60 32v-18m-4 5l4 -5l4 5", [60, 32]],
 };
 const FIRST = ["probe_z", "probe_corner"];         // the most used cycles
@@ -47,19 +49,6 @@ async function list() {
   if (names.includes(before)) select.value = before;
 }
 
-/** Return the sketch of a cycle; nothing for a cycle of one's own. */
-function sketch(name) {
-  if (!(name in SKETCHES)) return "";
-  const [part, ways, [x, y]] = SKETCHES[name], svg = (kind, attributes) => {
-    const made = document.createElementNS("http://www.w3.org/2000/svg", kind);
-    for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
-    return made;
-  };
-  const picture = svg("svg", {viewBox: "0 0 120 64", class: "sketch", "aria-hidden": "true"});
-  picture.append(svg("path", {d: part, class: "part", "fill-rule": "evenodd"}), svg("path", {d: ways, class: "way"}), svg("circle", {cx: x, cy: y, r: 5, class: "probe"}));
-  return picture;
-}
-
 /** Return the card of a cycle. */
 function card(cycle) {
   const place = document.createElement("section"), form = document.createElement("form"), title = document.createElement("h2"), go = document.createElement("button");
@@ -80,6 +69,6 @@ function card(cycle) {
     const parameters = Object.fromEntries([...new FormData(form)].map(([name, value]) => [name, Number(value)]));
     attempt(() => post(`probing/${encodeURIComponent(cycle.name)}/run`, {parameters}));
   });
-  place.append(title, sketch(cycle.name), form);
+  place.append(title, ...cycle.name in SKETCHES ? [sketch(...SKETCHES[cycle.name])] : [], form);
   return place;
 }

@@ -75,22 +75,19 @@ async function showSettings() {
 async function showHistory() {
   const runs = await attempt(() => get("history"));
   if (runs === null) return;
-  const body = element("history").tBodies[0], logged = new Set();
+  const body = element("history").tBodies[0];
   body.replaceChildren();
   for (const {job, began, outcome, seconds, findings} of runs) {
     const row = body.insertRow(), when = typeof began === "number" ? new Date(began * 1000) : new Date(began);
     for (const text of [when.toLocaleString(), visible(job), outcome, `${seconds.toFixed(1)} s`]) row.insertCell().textContent = text;
     row.cells[2].title = (findings ?? []).map(({message}) => message).join("\n");
     const cell = row.insertCell();
-    // The library keeps the log of the last run of each job.
-    if (logged.has(job)) continue;
-    logged.add(job);
     const made = Object.assign(document.createElement("button"), {type: "button", textContent: "Log"});
-    made.setAttribute("aria-label", `Log of ${job}`);
+    made.setAttribute("aria-label", `Log of ${visible(job)}, ${when.toLocaleString()}`);
     made.addEventListener("click", () => attempt(async () => {
-      const {text} = await get(`jobs/${encodeURIComponent(job)}/log`);
+      const {text} = await get(`jobs/${encodeURIComponent(job)}/log?began=${began}`);
       element("log").hidden = false;
-      element("log").textContent = text;
+      element("log").textContent = text || "This log is no longer kept.";
       element("log").focus();
     }));
     cell.append(made);

@@ -28,6 +28,8 @@ CHROMIUM = [
     "--use-gl=angle",
     "--use-angle=swiftshader",
     "--disable-gpu-compositing",
+    "--use-fake-ui-for-media-stream",
+    "--use-fake-device-for-media-stream",
 ]
 
 

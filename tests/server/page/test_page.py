@@ -141,8 +141,9 @@ def test_from_a_blank_board_to_the_first_part(page, port):
     expect(rows).to_have_count(2)
     expect(rows.nth(0)).to_contain_text("done")
     expect(rows.nth(1)).to_contain_text("stopped")
-    page.get_by_role("button", name="Log of plate.nc").click()
-    expect(page.locator("#log")).to_contain_text("end: done")
+    for row, outcome in ((1, "stopped"), (0, "done")):
+        rows.nth(row).get_by_role("button", name="Log of plate.nc").click()
+        expect(page.locator("#log")).to_contain_text(f"end: {outcome}")
 
 
 def test_a_watcher_sees_the_machine_and_may_stop_it_only(page, browser, address, port):

@@ -1,0 +1,1 @@
+"""Programs of simple jobs, made from a few lengths: surfacing, pockets, slots, holes, text."""
