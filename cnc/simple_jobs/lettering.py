@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import cache
 from importlib import resources
+from math import ceil, cos, radians, sin
 from typing import NamedTuple
 
-CAPITAL = 21.0
+CAPITAL = 12.0
 """Height of a capital letter in the units of the file."""
+STEP = 15.0
+"""Degrees of an arc between two points, at most."""
 Point = tuple[float, float]
 
 
@@ -26,7 +30,7 @@ def letters() -> dict[str, Letter]:
     for line in text.splitlines():
         name, width, *strokes = line.split()
         if name != "//":
-            points = [[_point(pair) for pair in stroke.split(";")] for stroke in strokes]
+            points = [list(_points(stroke)) for stroke in strokes]
             made[" " if name == "space" else name] = Letter(float(width), points)
     return made
 
@@ -45,6 +49,15 @@ def strokes(text: str, height: float) -> tuple[list[list[Point]], float]:
     return made, at * scale
 
 
-def _point(pair: str) -> Point:
-    x, y = pair.split(",")
-    return float(x), float(y)
+def _points(stroke: str) -> Iterator[Point]:
+    """Yield the points of a stroke of the file."""
+    for part in stroke.split(";"):
+        if not part.startswith("@"):
+            x, y = map(float, part.split(","))
+            yield x, y
+            continue
+        x, y, rx, ry, begin, end = map(float, part[1:].split(","))
+        steps = ceil(abs(end - begin) / STEP)
+        for k in range(steps + 1):
+            angle = radians(begin + (end - begin) * k / steps)
+            yield x + rx * cos(angle), y + ry * sin(angle)
