@@ -45,7 +45,7 @@ def cut_places(text):
                 xy = centre + radius * np.column_stack((np.cos(angle), np.sin(angle)))
                 way = np.column_stack((xy, at[2] + (to[2] - at[2]) * part))
             else:
-                count = max(int(math.dist(at, to) / SPACING), 2)
+                count = max(round(math.dist(at, to) / SPACING), 2)
                 way = at + (to - at) * np.linspace(0.0, 1.0, count)[:, None]
             cuts.append(way)
         at = to
