@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -39,7 +40,7 @@ Length = Annotated[FiniteFloat, Field(gt=0.0, le=5000.0)]
 Speed = Annotated[FiniteFloat, Field(gt=0.0, le=100_000.0)]
 
 
-class SimpleJob(BaseModel):
+class SimpleJob(BaseModel, ABC):
     """Parameters of all jobs.
 
     Raises:
@@ -59,9 +60,9 @@ class SimpleJob(BaseModel):
     clear: Length = Field(default=5.0, title="Z of the moves between cuts, mm")
     depth: Length = Field(default=2.0, title="depth, mm")
 
+    @abstractmethod
     def cuts(self) -> Iterator[str]:
         """Yield the lines of the cuts. The tool is at ``clear`` before and after them."""
-        raise NotImplementedError
 
     def lines(self) -> Iterator[str]:
         """Yield the lines of the program."""
@@ -253,9 +254,9 @@ class Holes(SimpleJob):
         default=2.0, ge=0.0, le=5000.0, title="depth of one peck, mm; 0 for none"
     )
 
+    @abstractmethod
     def places(self) -> list[tuple[float, float]]:
         """Return the centres of the holes, mm."""
-        raise NotImplementedError
 
     def cuts(self) -> Iterator[str]:
         """Yield a drilling cycle at each place."""
