@@ -85,9 +85,13 @@ def build_nurbs() -> None:
 
 
 def fit() -> None:
-    """Fit a spline to straight moves."""
-    for _ in _path([PathMode("", 1, "blend", 0.01), _short_moves(), _arc()]):
-        pass
+    """Fit splines to straight moves, between and behind arcs too."""
+    from cnc.session.pipeline import path_of
+
+    mode = PathMode("", 1, "blend", 0.01)
+    for blocks in ([mode, _short_moves(), _arc()], [mode, _bends()], [mode, _arc(), _bends()]):
+        for _ in path_of(blocks, _machine(), np.array([1.0, 0.0, 0.0])):
+            pass
 
 
 def plan() -> None:
@@ -326,6 +330,15 @@ def _short_moves() -> Polyline:
     angle = np.linspace(0.0, 1.0, 41)[1:]
     ends = np.column_stack((np.sin(angle), np.cos(angle) - 1.0, 0.0 * angle))
     return Polyline("", 1, ends, np.full(40, 1.0), np.ones(40, np.int32))
+
+
+def _bends() -> Polyline:
+    """Return moves that go on in the direction of the arc, then turn in ever narrower bends."""
+    count = np.arange(200)
+    angle = np.pi + np.cumsum(1.5 * np.sin(count**1.5) * (count > 80) + 0.02)
+    step = 0.02 * (2.0 + 1.9 * np.sin(1.7 * count))
+    ends = np.cumsum(np.column_stack((step * np.cos(angle), step * np.sin(angle), 0.0 * angle)), 0)
+    return Polyline("", 3, ends + [1.0, 2.0, 0.0], np.ones(200), np.full(200, 3, np.int32))
 
 
 def _arc() -> ArcFeed:

@@ -147,6 +147,22 @@ assert not several, several
 
 
 @compiled
+def test_the_example_of_a_fit_calls_each_kernel_of_a_fit() -> None:
+    """Another one would be compiled when a program needs it first."""
+    code = """
+from cnc.compiled.jit import Kernel
+from cnc.path import fit
+from cnc.session import kernel_jobs
+
+kernel_jobs.fit()
+kernels = {name: each for name, each in vars(fit).items() if isinstance(each, Kernel)}
+assert len(kernels) > 10
+assert [name for name, each in kernels.items() if not each._entries] == []
+"""
+    subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, timeout=HANG)
+
+
+@compiled
 def test_nothing_is_compiled_during_a_run(tmp_path: Path) -> None:
     """The examples of the jobs make all that programs call, so numba need not be imported."""
     code = f"""
