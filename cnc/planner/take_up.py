@@ -25,6 +25,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -53,8 +54,6 @@ NEAR = 1e-7
 """Distance from a level at which a place is on it, mm."""
 ROOM = 1.5
 """Length of a window, in the least that the motor needs at the programmed feed."""
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)
-"""Quadrature of Gauss and Legendre on -1 to 1."""
 
 
 class Play(NamedTuple):
@@ -410,12 +409,22 @@ def _cut_at_begins(path: PathChunk, parts: Parts, play: Play, windows: Sequence[
     return _cut_at(parts, index, some.first + shares * (some.last - some.first))
 
 
+@cache
+def _quadrature() -> tuple[Floats, Floats]:
+    """Return places and weights (8,) of Gauss' and Legendre's quadrature on -1 to 1.
+
+    Only machines with backlash need numpy's polynomials.
+    """
+    return np.polynomial.legendre.leggauss(8)
+
+
 def part_lengths(path: PathChunk, parts: Parts) -> Floats:
     """Return the lengths of parts of the tip's path (m,)."""
+    nodes, weights = _quadrature()
     half = 0.5 * (parts.last - parts.first)
-    u = (0.5 * (parts.first + parts.last))[:, None] + half[:, None] * NODES
-    piece = np.repeat(parts.piece, len(NODES))
+    u = (0.5 * (parts.first + parts.last))[:, None] + half[:, None] * nodes
+    piece = np.repeat(parts.piece, len(nodes))
     series = tip_series(path, Parts(piece, u.ravel(), u.ravel()), 1, bounds=False)
-    speed = np.sqrt(sum(np.square(axis.terms[1]) for axis in series)).reshape(-1, len(NODES))
-    lengths: Floats = half * (speed @ WEIGHTS)
+    speed = np.sqrt(sum(np.square(axis.terms[1]) for axis in series)).reshape(-1, len(nodes))
+    lengths: Floats = half * (speed @ weights)
     return lengths

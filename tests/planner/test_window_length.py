@@ -77,9 +77,9 @@ def test_each_stretch_is_planned_about_twice(monkeypatch):
     planned, cut = [0], [0]
     plan, add = cnc.planner.acceptance.plan_to_rest, Window.add
 
-    def counted(start, known, *others):
+    def counted(start, known, *others, **options):
         planned[0] += len(known.end)
-        return plan(start, known, *others)
+        return plan(start, known, *others, **options)
 
     def added(self, *chunk):
         before = self._plan.arrived
