@@ -17,6 +17,7 @@ const PAUSE = 300;     // ms without a key, after which the text is read
 const FRESH = "G21 G90 G94\n\nM2\n";
 
 let open = null;       // {kind: "job" | "macro", name, saved, changed}, of the text that is changed
+let isSaving = false;  // until the saved program is the one that Run runs
 let timer = 0, reading = false, again = false;
 
 /** Return whether a text is being changed. */
@@ -83,21 +84,21 @@ function showChanged() {
   needs();
 }
 
-const isChanged = () => open !== null && element("editor").value !== open.saved;
+const isChanged = () => isSaving || (open !== null && element("editor").value !== open.saved);
 
 /** Return whether the text may be left: it is saved, or the operator agrees to lose it. */
 export async function leave() {
   return !isChanged() || askYes(`The changes of ${visible(element("edit-name").value)} are not saved. Lose them?`, "Lose them");
 }
 
-function close() {
+function close({isOther = false} = {}) {
   const wasJob = open?.kind === "job";
   open = null;
   showChanged();
   clearTimeout(timer);
   element("edit-box").hidden = true;
   delete element("stage").dataset.editing;
-  attempt(() => jobs.reopen());
+  if (!isOther) attempt(() => jobs.reopen());
   showPart(wasJob ? "program" : "setup");
 }
 
@@ -106,10 +107,16 @@ async function save() {
   const path = `${kind}s/${encodeURIComponent(name)}`, isNew = saved === null || name !== before;
   if (isNew && (await get(`${kind}s`)).some(each => (each.name ?? each) === name) && !await askYes(`Replace ${visible(name)}?`, "Replace")) return;
   const time = kind === "job" && !isNew ? `?changed=${changed}` : "";
-  await put(path + time, {text});
-  open.saved = text;
-  close();
-  if (kind === "job") await jobs.openNew(name);
+  isSaving = true;
+  try {
+    await put(path + time, {text});
+    open.saved = text;
+    if (kind === "job") await jobs.openNew(name);
+    close({isOther: kind === "job"});
+  } finally {
+    isSaving = false;
+    showChanged();
+  }
 }
 
 async function removeMacro() {
