@@ -153,6 +153,9 @@ settings_of_holes = st.builds(
     shift=st.floats(0, 1),
     out_to_retract=st.booleans(),
     dwells_twice=st.booleans(),
+    # Shrinking pecks have valid settings only: the interpreter refuses others before.
+    less=st.just(0.0),
+    least=st.just(0.0),
 )
 CYCLES = (730, 740, 760, 810, 820, 830, 840, 850, 860, 880, 890)
 
