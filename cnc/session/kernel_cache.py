@@ -62,7 +62,14 @@ def load_kernels(jobs: Iterable[str]) -> None:
     ensure_compiled(None, None, wanted)
     if compiling():
         for job in wanted:
-            JOBS[job].example()
+            _call_example(job)
+
+
+def _call_example(job: str) -> None:
+    """Call the kernels of a job."""
+    from cnc.session import kernel_examples  # it imports all that has kernels
+
+    getattr(kernel_examples, JOBS[job].example)()
 
 
 def is_compiled(job: str) -> bool:
@@ -221,7 +228,7 @@ def _tell(line: str) -> None:
 def compile_job(job: str) -> None:
     """Compile the kernels of a job, and record that."""
     with as_python(except_in=JOBS[job].modules):
-        JOBS[job].example()
+        _call_example(job)
     mark = _marks(job)[-1]
     code_cache.write(mark.parent, mark.name, b"")
 

@@ -1,306 +1,97 @@
-"""Small examples whose kernels are compiled together; see :mod:`cnc.session.kernel_cache`.
+"""Jobs: parts of the kernels that are compiled together; see :mod:`cnc.session.kernel_cache`.
 
-The kernels of a job are those that the example calls in the named modules, and all that these call.
+The kernels of a job are those that its example calls in the named modules, and all that these call.
 A job of more than about ten seconds is divided, so that two processors share the work.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import suppress
-from dataclasses import replace
-from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
-
-import numpy as np
-
-from cnc.model.blocks import ArcFeed, AxisLetter, Block, NurbsFeed, PathMode, Polyline
-from cnc.model.diagnostics import MotionLimitError
-
-if TYPE_CHECKING:
-    from cnc.machine.models import Machine
-    from cnc.path.chunk import PathChunk
-    from cnc.planner.plan import PlanChunk
-
-AXES: tuple[AxisLetter, ...] = ("x", "y", "z")
+from typing import NamedTuple
 
 
 class Job(NamedTuple):
     """A part of the kernels.
 
     Attributes:
-        modules: modules whose kernels the example compiles.
-        example: calls the kernels.
+        example: name of the function of :mod:`cnc.session.kernel_examples` that calls them.
+        modules: modules whose kernels are compiled.
     """
 
+    example: str
     modules: frozenset[str]
-    example: Callable[[], None]
-
-
-def read() -> None:
-    """Read straight moves."""
-    from cnc.gcode.core.line_steps import SHORTEST
-
-    _read(["G0 X1"] * SHORTEST)
-
-
-def write_anew() -> None:
-    """Write a line in its form."""
-    from tempfile import NamedTemporaryFile
-
-    from cnc.gcode import dialects
-    from cnc.gcode.reader.layout import formatted
-
-    with NamedTemporaryFile() as file:
-        file.write(b"G0 X1")
-        file.flush()
-        for _ in formatted(Path(file.name), dialects.load("linuxcnc"), "readable"):
-            pass
-
-
-def evaluate() -> None:
-    """Read lines with expressions."""
-    from cnc.gcode.core.line_steps import MANY_LINES
-
-    _read(["#1=1", "G0 X#1"] * MANY_LINES)
-
-
-def build_simple() -> None:
-    """Build a path of a line and an arc, and find its travel."""
-    for path in _path([_line(), _arc()]):
-        _travel(path)
-
-
-def build_nurbs() -> None:
-    """Build a path of a NURBS, and chords of it."""
-    from cnc.path.kernels.bspline import nurbs_chord_ends
-
-    points = np.array([[1.0, 2.0, 0.0], [2.0, 3.0, 0.0], [3.0, 1.0, 0.0], [4.0, 2.0, 0.0]])
-    knots = np.array([0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0])
-    curve = NurbsFeed("", 3, 3, knots, points, np.ones(4), 1.0)
-    for path in _path([_line(), _arc(), curve]):
-        _travel(path)
-    weighted = np.column_stack((points, np.ones(4)))
-    nurbs_chord_ends(3, knots, weighted, np.array([0.0, 1.0]), 0.01, 0.1)
-
-
-def fit() -> None:
-    """Fit splines to straight moves, between and behind arcs too."""
-    from cnc.session.pipeline import path_of
-
-    mode = PathMode("", 1, "blend", 0.01)
-    for blocks in ([mode, _short_moves(), _arc()], [mode, _bends()], [mode, _arc(), _bends()]):
-        for _ in path_of(blocks, _machine(), np.array([1.0, 0.0, 0.0])):
-            pass
-
-
-def plan() -> None:
-    """Plan two traverses, in slices."""
-    for _ in _plans([_traverses()]):
-        pass
-    _cross()
-
-
-def plan_corner() -> None:
-    """Plan a corner, and seek a stop there, where the motion rests already."""
-    from cnc.planner.corner_hold import stop_inside
-    from cnc.planner.finished import ChainLeft
-    from cnc.planner.limits import Limits
-
-    corner = [PathMode("", 1, "blend", 0.01), _traverses()]
-    for _ in _plans(corner):
-        pass
-    (legs,) = _path(corner)
-    stop_inside(ChainLeft(_at_rest(legs), len(legs), 0), legs, Limits.of(_machine()))
-
-
-def stop() -> None:
-    """Come to rest on a curve, and slow there."""
-    from cnc.planner.kernels.slowed_clock import pace_wanted
-    from cnc.planner.kernels.stopping import FAR, shortest_ramp
-    from cnc.planner.known_path import KnownPath
-    from cnc.planner.limits import Limits
-    from cnc.planner.phases import plan_to_rest
-    from cnc.planner.slowing import copy_by_clock, ramp_by_clock
-
-    limits = Limits.of(_machine())
-    known_path = KnownPath(limits)
-    (path,) = _path([_line(), _arc()])
-    end = known_path.add(path, None, None).end
-    known = known_path.intervals(limits, 0.0, end)
-    plan = plan_to_rest(0.0, known, 0.0, limits)[1][1:]
-    shortest_ramp(plan, end, end, FAR, known, limits.arrays)
-    ramp_by_clock(plan, known, known, limits.arrays)
-    time = float(plan["duration"].sum())
-    copy_by_clock(plan, time, known, limits.arrays, 0.5 * pace_wanted(plan, known))
-
-
-def audit() -> None:
-    """Audit a motion. It is rejected, because it begins at speed."""
-    from cnc.planner.audit import Audit
-    from cnc.planner.limits import Limits
-
-    with suppress(MotionLimitError):
-        Audit(Limits.of(_machine())).check(_steady())
-
-
-def step() -> None:
-    """Make reference pulses."""
-    from cnc.pulses.reference_pulse import ReferencePulse
-
-    interpolator = ReferencePulse([10.0, 10.0, 10.0], np.zeros(3))
-    for _ in interpolator.pulses(_steady()):
-        pass
-    for _ in interpolator.settle():
-        pass
-
-
-def sample() -> None:
-    """Make samples."""
-    from cnc.pulses.sampled import Sampled
-
-    for _ in Sampled(0.1, np.zeros(3)).samples(_steady()):
-        pass
-
-
-def write_lines() -> None:
-    """Write lines for a GRBL board."""
-    from cnc.grbl_lines.board_limits import BoardLimits
-    from cnc.grbl_lines.grbl_timing import BoardTime
-    from cnc.grbl_lines.translator import Translator
-
-    translator, clock = Translator(_machine()), BoardTime(BoardLimits.of_machine(_machine()))
-    for line in translator.lines(_steady().path):
-        clock.add(line)
-    for line in translator.end():
-        clock.add(line)
-    clock.end()
-
-
-def cut_stock() -> None:
-    """Cut a stock."""
-    from cnc.machine.models import Stock
-    from cnc.stock.kernels.sweep import FLAT, Assembly, Cutter
-    from cnc.stock.simulation import Material
-
-    tool = Assembly(Cutter(FLAT, 1.0, 1.0, 0.0), np.inf, np.inf, 0.0)
-    material = Material(Stock(x=(0.0, 4.0), y=(0.0, 4.0), z=(-1.0, 0.0)))
-    for path in _path([_traverses()]):
-        material.cut(path, np.arange(3), np.zeros(3), tool)
-
-
-def encode() -> None:
-    """Encode grid moves as segments of the stepper board."""
-    from cnc.boards.stepper.segments import SegmentEncoder
-    from cnc.model.streams import PulseChunk
-
-    moves = np.arange(1, 5, dtype=np.int64)
-    encoder = SegmentEncoder(len(AXES))
-    encoder.push(
-        PulseChunk(moves * 100_000, np.ones((4, len(AXES)), np.int8), moves.astype(np.int32))
-    )
-    encoder.flush()
-
-
-def encode_runs() -> None:
-    """Encode steps as runs for a Klipper board."""
-    from cnc.boards.klipper.sender import StepEncoder
-
-    moves = np.arange(1, 5, dtype=np.int64)
-    StepEncoder(80).encode(moves * 1600, np.ones(4, np.int8))
-
-
-def draw() -> None:
-    """Draw a motion."""
-    from cnc.view.collect import Collector, Sizes
-
-    picture = Collector(_machine(), Sizes(2, 2, 2), "", np.zeros(len(AXES)))
-    picture.add(_steady())
-    picture.picture()
-
-
-def _kernels(*names: str) -> frozenset[str]:
-    return frozenset(f"cnc.{name}" for name in names)
 
 
 JOBS = {
-    "expressions": Job(_kernels("gcode.kernels.program"), evaluate),
-    "lines": Job(
-        _kernels("gcode.kernels.automaton", "gcode.kernels.statements", "gcode.kernels.line"), read
-    ),
-    "layout": Job(_kernels("gcode.kernels.layout"), write_anew),
-    "paths": Job(_kernels("path.kernels.curve", "path.kernels.arclength"), build_simple),
-    "intervals": Job(_kernels("planner.kernels.subdivision", "planner.kernels.limits"), plan),
-    "refinement": Job(_kernels("planner.kernels.refine"), plan),
-    "pulses": Job(
-        _kernels("pulses.kernels.reference_pulse", "path.kernels.curve", "path.kernels.arclength"),
-        step,
-    ),
-    "audit": Job(_kernels("planner.kernels.audit", "planner.kernels.audit_samples"), audit),
-    "planning": Job(
-        _kernels("planner.kernels.lookahead", "planner.kernels.scurve", "planner.kernels.arrays"),
-        plan,
-    ),
-    "NURBS": Job(
-        _kernels("path.kernels.bspline", "path.kernels.span_shape", "path.kernels.arclength"),
-        build_nurbs,
-    ),
-    "fits": Job(_kernels("path.kernels.fit_program"), fit),
-    "knots of fits": Job(
-        _kernels(
-            "path.kernels.fit_spline", "path.kernels.fit_stretches", "path.kernels.fit_squares"
+    name: Job(example, frozenset(f"cnc.{module}" for module in modules.split()))
+    for name, example, modules in (
+        ("expressions", "evaluate", "gcode.kernels.program"),
+        (
+            "lines",
+            "read",
+            "gcode.kernels.automaton gcode.kernels.statements gcode.kernels.line",
         ),
-        fit,
-    ),
-    "pieces of fits": Job(_kernels("path.kernels.fit_proof", "path.kernels.fit_pieces"), fit),
-    "corner blends": Job(
-        _kernels(
-            "planner.kernels.corners",
-            "planner.kernels.legs",
-            "planner.kernels.corner_bends",
+        ("layout", "write_anew", "gcode.kernels.layout"),
+        ("paths", "build_simple", "path.kernels.curve path.kernels.arclength"),
+        ("intervals", "plan", "planner.kernels.subdivision planner.kernels.limits"),
+        ("refinement", "plan", "planner.kernels.refine"),
+        (
+            "pulses",
+            "step",
+            "pulses.kernels.reference_pulse path.kernels.curve path.kernels.arclength",
         ),
-        plan_corner,
-    ),
-    "corner stops": Job(
-        _kernels(
-            "planner.kernels.corner_stops",
-            "planner.kernels.corner_places",
-            "planner.kernels.corner_legs",
-            "planner.kernels.corner_guess",
+        ("audit", "audit", "planner.kernels.audit planner.kernels.audit_samples"),
+        (
+            "planning",
+            "plan",
+            "planner.kernels.lookahead planner.kernels.scurve planner.kernels.arrays",
+        ),
+        (
+            "NURBS",
+            "build_nurbs",
+            "path.kernels.bspline path.kernels.span_shape path.kernels.arclength",
+        ),
+        ("fits", "fit", "path.kernels.fit_program"),
+        (
+            "knots of fits",
+            "fit",
+            "path.kernels.fit_spline path.kernels.fit_stretches path.kernels.fit_squares",
+        ),
+        ("pieces of fits", "fit", "path.kernels.fit_proof path.kernels.fit_pieces"),
+        (
+            "corner blends",
+            "plan_corner",
+            "planner.kernels.corners planner.kernels.legs planner.kernels.corner_bends",
+        ),
+        (
+            "corner stops",
+            "plan_corner",
+            "planner.kernels.corner_stops planner.kernels.corner_places "
+            "planner.kernels.corner_legs planner.kernels.corner_guess "
             "planner.kernels.corner_search",
         ),
-        plan_corner,
-    ),
-    "corner motions": Job(
-        _kernels(
-            "planner.kernels.corner_motion",
-            "planner.kernels.corner_newton",
-            "planner.kernels.corner_rows",
-            "planner.kernels.corner_tube",
-            "planner.kernels.corner_hold",
-            "planner.kernels.corner_pieces",
+        (
+            "corner motions",
+            "plan_corner",
+            "planner.kernels.corner_motion planner.kernels.corner_newton "
+            "planner.kernels.corner_rows planner.kernels.corner_tube "
+            "planner.kernels.corner_hold planner.kernels.corner_pieces",
         ),
-        plan_corner,
-    ),
-    "holds": Job(
-        _kernels(
-            "planner.kernels.stopping",
-            "planner.kernels.slowed_clock",
-            "planner.kernels.corner_hold",
+        (
+            "holds",
+            "stop",
+            "planner.kernels.stopping planner.kernels.slowed_clock planner.kernels.corner_hold",
         ),
-        stop,
-    ),
-    "samples": Job(_kernels("pulses.kernels.sampled"), sample),
-    "GRBL lines": Job(
-        _kernels("grbl_lines.kernels.arc_fit", "grbl_lines.kernels.arrival"), write_lines
-    ),
-    "stock": Job(_kernels("stock.kernels.sweep"), cut_stock),
-    "segments": Job(
-        _kernels("boards.stepper.kernels.segment_encoder", "boards.stepper.kernels.segments"),
-        encode,
-    ),
-    "step runs": Job(_kernels("boards.klipper.kernels.step_runs"), encode_runs),
-    "drawing": Job(_kernels("view.kernels.motion", "view.kernels.thinning"), draw),
+        ("samples", "sample", "pulses.kernels.sampled"),
+        ("GRBL lines", "write_lines", "grbl_lines.kernels.arc_fit grbl_lines.kernels.arrival"),
+        ("stock", "cut_stock", "stock.kernels.sweep"),
+        (
+            "segments",
+            "encode",
+            "boards.stepper.kernels.segment_encoder boards.stepper.kernels.segments",
+        ),
+        ("step runs", "encode_runs", "boards.klipper.kernels.step_runs"),
+        ("drawing", "draw", "view.kernels.motion view.kernels.thinning"),
+    )
 }
 """All jobs in the order in which they begin: the longest, and those of which others need much, come
 first. A long job at the end would leave the other processors idle."""
@@ -311,99 +102,3 @@ PLANNING = ("intervals", "refinement", "planning", "audit")
 READING = ("expressions", "lines", "paths")
 CHECKING = (*READING, *PLANNING, "pulses")
 """What nearly every program needs."""
-
-
-def _read(lines: list[str]) -> None:
-    from cnc.gcode.core.program import interpret
-    from cnc.gcode.reader.source_text import Text
-
-    for _ in interpret(Text.of_lines(lines, "")):
-        pass
-
-
-def _line() -> Polyline:
-    points = np.array([[1.0, 0.0, 0.0]])
-    return Polyline("", 1, points, np.array([1.0]), np.array([1], np.int32))
-
-
-def _short_moves() -> Polyline:
-    angle = np.linspace(0.0, 1.0, 41)[1:]
-    ends = np.column_stack((np.sin(angle), np.cos(angle) - 1.0, 0.0 * angle))
-    return Polyline("", 1, ends, np.full(40, 1.0), np.ones(40, np.int32))
-
-
-def _bends() -> Polyline:
-    """Return moves that go on in the direction of the arc, then turn in ever narrower bends."""
-    count = np.arange(200)
-    angle = np.pi + np.cumsum(1.5 * np.sin(count**1.5) * (count > 80) + 0.02)
-    step = 0.02 * (2.0 + 1.9 * np.sin(1.7 * count))
-    ends = np.cumsum(np.column_stack((step * np.cos(angle), step * np.sin(angle), 0.0 * angle)), 0)
-    return Polyline("", 3, ends + [1.0, 2.0, 0.0], np.ones(200), np.full(200, 3, np.int32))
-
-
-def _arc() -> ArcFeed:
-    return ArcFeed("", 2, "XY", (1.0, 1.0), np.array([1.0, 2.0, 0.0]), 1.0, 0.5, 1.0)
-
-
-def _traverses() -> Polyline:
-    ends = np.array([[1.0, 0.0, 0.0], [1.0, 1.0, 0.0]])
-    return Polyline("", 1, ends, np.full(2, np.nan), np.array([1, 2], np.int32))
-
-
-def _path(blocks: list[Block]) -> Iterator[PathChunk]:
-    from cnc.path.build import build
-    from cnc.path.chunk import PathChunk
-
-    for item in build(blocks, axes=AXES, start=np.zeros(3)):
-        assert isinstance(item, PathChunk)
-        yield item
-
-
-def _cross() -> None:
-    """Cross the limit of two parts of a path."""
-    from cnc.planner.known_path import junction_between
-    from cnc.planner.limits import Limits
-
-    (path,) = _path([_traverses()])
-    # The motion does not stop there, as it does at the end of a program.
-    before = replace(path, stop_after=np.zeros_like(path.stop_after))
-    junction_between(before, path, Limits.of(_machine()))
-
-
-def _travel(path: PathChunk) -> None:
-    from cnc.path.chunk import bounding_box
-
-    bounding_box(path)
-
-
-def _plans(blocks: list[Block]) -> Iterator[object]:
-    from cnc.model.operator_control import Control
-    from cnc.planner.lookahead import LookAhead
-
-    return LookAhead(_machine(), Control(), slice_s=0.01).plan(_path(blocks))
-
-
-def _at_rest(path: PathChunk) -> PlanChunk:
-    """Return a plan that rests at the start of a path."""
-    from cnc.planner.plan import PlanChunk
-
-    piece_s = np.concatenate(([0.0], np.cumsum(path.length)))
-    rest = np.zeros(2)
-    return PlanChunk(path, piece_s, 0.0, 0.0, rest, rest, rest, rest, np.zeros(1))
-
-
-def _steady() -> PlanChunk:
-    """Return a motion along a line and an arc, at a steady speed from the first moment."""
-    from cnc.planner.plan import PlanChunk
-
-    (path,) = _path([_line(), _arc()])
-    piece_s = np.concatenate(([0.0], np.cumsum(path.length)))
-    span = np.array([0.0, float(piece_s[-1])])
-    return PlanChunk(path, piece_s, 0.0, 0.0, span, span, np.ones(2), np.zeros(2), np.zeros(1))
-
-
-def _machine() -> Machine:
-    from cnc.machine.models import Axis, Machine, PathLimits
-
-    axis = Axis(steps_per_mm=10.0, max_velocity=10.0, max_acceleration=100.0, max_jerk=1000.0)
-    return Machine(axes=dict.fromkeys(AXES, axis), path=PathLimits(max_feed=10.0))

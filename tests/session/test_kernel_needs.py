@@ -19,7 +19,7 @@ from cnc.cli import progress
 from cnc.compiled import code_cache, jit
 from cnc.machine.load import load_machine
 from cnc.model.operator_control import Control
-from cnc.session import kernel_cache, kernel_jobs, kernel_needs
+from cnc.session import kernel_cache, kernel_examples, kernel_needs
 from cnc.session.kernel_jobs import BLENDS, FITS, JOBS, PLANNING, READING
 from tests.support.paths import ROOT
 from tests.support.session.runs import check_with, run_with
@@ -130,10 +130,10 @@ def test_no_kernel_of_motion_has_a_second_set_of_types() -> None:
     code = """
 from collections import Counter
 from cnc.compiled.loader import loader
+from cnc.session.kernel_cache import load_kernels
 from cnc.session.kernel_jobs import JOBS
 from cnc.api import check
-for job in JOBS.values():
-    job.example()
+load_kernels(JOBS)
 for name in ("trident", "engraving"):
     check(f"programs/{name}.nc")
 # folder/kernel-types.code; text comes in two kinds of arrays
@@ -152,9 +152,9 @@ def test_the_example_of_a_fit_calls_each_kernel_of_a_fit() -> None:
     code = """
 from cnc.compiled.jit import Kernel
 from cnc.path import fit
-from cnc.session import kernel_jobs
+from cnc.session import kernel_examples
 
-kernel_jobs.fit()
+kernel_examples.fit()
 kernels = {name: each for name, each in vars(fit).items() if isinstance(each, Kernel)}
 assert len(kernels) > 10
 assert [name for name, each in kernels.items() if not each._entries] == []
@@ -307,5 +307,5 @@ def test_the_example_of_intervals_calls_the_kernel_of_junctions(monkeypatch) -> 
     monkeypatch.setattr(
         "cnc.planner.known_path.piece_junction", lambda *arguments: calls.append(arguments)
     )
-    kernel_jobs._cross()
+    kernel_examples._cross()
     assert len(calls) == 1
