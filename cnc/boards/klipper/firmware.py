@@ -1,102 +1,30 @@
 """Firmware profiles: clock, queue, speed and pins of some microcontrollers, and their dictionary.
 
-Clock frequencies, baud rates and names are those of Klipper's documentation. The time of an event
-is that of a step in its benchmarks with three motors (Klipper documentation, Benchmarks), which
-make one event of a step. A longer pulse needs two. The times of an AVR were measured with the
-firmware itself in a simulated ATmega328P: the benchmarks have no switches.
+They stand in ``firmware.toml``, with their sources.
 """
 
 from __future__ import annotations
 
 import json
+import tomllib
 import zlib
 from dataclasses import dataclass
 from functools import cached_property
+from importlib.resources import files
 from typing import Any
 
 from cnc.boards.klipper.protocol import IDENTIFY, IDENTIFY_RESPONSE, Dictionary
 
-COMMANDS = (
-    "allocate_oids count=%c",
-    "get_config",
-    "finalize_config crc=%u",
-    "config_reset",
-    "get_clock",
-    "get_uptime",
-    "emergency_stop",
-    "clear_shutdown",
-    "reset",
-    "debug_ping data=%*s",
-    "config_stepper oid=%c step_pin=%c dir_pin=%c invert_step=%c step_pulse_ticks=%u",
-    "queue_step oid=%c interval=%u count=%hu add=%hi",
-    "set_next_step_dir oid=%c dir=%c",
-    "reset_step_clock oid=%c clock=%u",
-    "stepper_get_position oid=%c",
-    "stepper_stop_on_trigger oid=%c trsync_oid=%c",
-    "config_trsync oid=%c",
-    "trsync_start oid=%c report_clock=%u report_ticks=%u expire_reason=%c",
-    "trsync_set_timeout oid=%c clock=%u",
-    "trsync_trigger oid=%c reason=%c",
-    "config_endstop oid=%c pin=%c pull_up=%c",
-    "endstop_home oid=%c clock=%u sample_ticks=%u sample_count=%c rest_ticks=%u pin_value=%c"
-    " trsync_oid=%c trigger_reason=%c",
-    "endstop_query_state oid=%c",
-    "config_digital_out oid=%c pin=%u value=%c default_value=%c max_duration=%u",
-    "set_digital_out_pwm_cycle oid=%c cycle_ticks=%u",
-    "queue_digital_out oid=%c clock=%u on_ticks=%u",
-    "update_digital_out oid=%c value=%c",
-    "set_digital_out pin=%u value=%c",
-    "config_pwm_out oid=%c pin=%u cycle_ticks=%u value=%hu default_value=%hu max_duration=%u",
-    "queue_pwm_out oid=%c clock=%u value=%hu",
-    "config_tmcuart oid=%c rx_pin=%u pull_up=%c tx_pin=%u bit_time=%u",
-    "tmcuart_send oid=%c write=%*s read=%c",
-    "config_spi oid=%c pin=%u cs_active_high=%c",
-    "spi_set_bus oid=%c spi_bus=%u mode=%u rate=%u",
-    "spi_transfer oid=%c data=%*s",
-    "spi_send oid=%c data=%*s",
-)
+_TABLES = tomllib.loads(files(__package__).joinpath("firmware.toml").read_text(encoding="utf-8"))
+COMMANDS: list[str] = _TABLES["commands"]
+RESPONSES: list[str] = _TABLES["responses"]
+REASONS: list[str] = _TABLES["reasons"]
+"""Reasons of a shutdown, in the order of their numbers from 2."""
 FORGET = "reset", "config_reset"
 MESSAGES = 0.06
 """Least share of the processor's time for messages: steps and samples leave it."""
 LEAST_FREE = 0.1
 """Least share of the processor's time for steps, with many inputs."""
-RESPONSES = (
-    "config is_config=%c crc=%u is_shutdown=%c move_count=%hu",
-    "clock clock=%u",
-    "uptime high=%u clock=%u",
-    "shutdown clock=%u static_string_id=%hu",
-    "is_shutdown static_string_id=%hu",
-    "starting",
-    "pong data=%*s",
-    "stepper_position oid=%c pos=%i",
-    "trsync_state oid=%c can_trigger=%c trigger_reason=%c clock=%u",
-    "endstop_state oid=%c homing=%c next_clock=%u pin_value=%c",
-    "tmcuart_response oid=%c read=%*s",
-    "spi_transfer_response oid=%c response=%*s",
-)
-REASONS = (
-    "Timer too close",
-    "Rescheduled timer in the past",
-    "Move queue overflow",
-    "Invalid count parameter",
-    "Can't reset time when stepper active",
-    "Can't add signal that is already active",
-    "Missed scheduling of next digital out event",
-    "Scheduled digital out event will exceed max_duration",
-    "Missed scheduling of next hard pwm event",
-    "Scheduled pwm event will exceed max_duration",
-    "oids already allocated",
-    "Can't assign oid",
-    "Invalid oid type",
-    "Already finalized",
-    "Not an output pin",
-    "Not a valid input pin",
-    "config_reset only available when shutdown",
-    "Command request",
-    "Command parser error",
-    "Invalid command",
-)
-"""Reasons of a shutdown, in the order of their numbers from 2."""
 
 
 @dataclass(frozen=True)
@@ -126,8 +54,8 @@ class Firmware:
     slots: int
     baud: int
     event_ticks: int
-    ports: tuple[tuple[str, int], ...]
-    buses: tuple[tuple[str, str], ...]
+    ports: list[tuple[str, int]]
+    buses: list[tuple[str, str]]
     window: int
     pwm_max: int = 255
     short_pulse: int = 0
@@ -212,71 +140,5 @@ class Firmware:
         return REASONS[number - 2]
 
 
-def _ports(letters: str, pins: int) -> tuple[tuple[str, int], ...]:
-    return tuple((f"P{letter}0", pins) for letter in letters)
-
-
-RP2040_BUSES = (
-    ("spi0a", "gpio0,gpio3,gpio2"),
-    ("spi0b", "gpio4,gpio7,gpio6"),
-    ("spi0c", "gpio16,gpio19,gpio18"),
-    ("spi0d", "gpio20,gpio23,gpio22"),
-    ("spi0e", "gpio4,gpio3,gpio2"),
-    ("spi1a", "gpio8,gpio11,gpio10"),
-    ("spi1b", "gpio12,gpio15,gpio14"),
-    ("spi1c", "gpio24,gpio27,gpio26"),
-)
-SPI1_SPI2 = ("spi2", "PB14,PB15,PB13"), ("spi1", "PA6,PA7,PA5"), ("spi1a", "PB4,PB5,PB3")
-STM32F1_BUSES = (*SPI1_SPI2, ("spi3", "PB4,PB5,PB3"))
-STM32F4_BUSES = (
-    *SPI1_SPI2,
-    ("spi2a", "PC2,PC3,PB10"),
-    ("spi3", "PB4,PB5,PB3"),
-    ("spi3a", "PC11,PC12,PC10"),
-    ("spi4", "PE13,PE14,PE12"),
-)
-"""Names and pins of the SPI buses, as the dictionaries of the firmware have them."""
-AVR_PULSE = 40
-"""Step pulse up to which an AVR makes both edges in one event, ticks."""
-AVR_SHORT, AVR_EDGE, AVR_SAMPLE, AVR_BYTE = 225, 313, 281, 205
-"""Times on an AVR, ticks: of a step with such a pulse, of an edge of a longer one, of a sample, of
-a received byte.
-"""
-FIRMWARES = {
-    "atmega328p": Firmware(
-        "atmega328p",
-        16_000_000,
-        86,
-        250_000,
-        AVR_EDGE,
-        _ports("ABCD", 8),
-        (("spi", "PB4,PB3,PB5"),),
-        window=192,
-        short_pulse=AVR_PULSE,
-        short_ticks=AVR_SHORT,
-        sample_ticks=AVR_SAMPLE,
-        byte_ticks=AVR_BYTE,
-    ),
-    "atmega2560": Firmware(
-        "atmega2560",
-        16_000_000,
-        666,
-        250_000,
-        AVR_EDGE,
-        _ports("ABCDEFGHIJKL", 8),
-        (("spi", "PB3,PB2,PB1"),),
-        window=192,
-        short_pulse=AVR_PULSE,
-        short_ticks=AVR_SHORT,
-        sample_ticks=AVR_SAMPLE,
-        byte_ticks=AVR_BYTE,
-    ),
-    "rp2040": Firmware("rp2040", 12_000_000, 1024, 0, 5, (("gpio0", 30),), RP2040_BUSES, window=0),
-    "stm32f103": Firmware(
-        "stm32f103xe", 72_000_000, 1024, 0, 88, _ports("ABCDE", 16), STM32F1_BUSES, window=0
-    ),
-    "stm32f446": Firmware(
-        "stm32f446xx", 180_000_000, 1024, 0, 110, _ports("ABCDEFGH", 16), STM32F4_BUSES, window=0
-    ),
-}
+FIRMWARES = {name: Firmware(**table) for name, table in _TABLES["microcontrollers"].items()}
 """Profiles by the name of the microcontroller."""

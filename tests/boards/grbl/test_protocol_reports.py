@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cnc.boards.grbl.faults import ALARMS, ALARMS_HAL, ERRORS, alarm_meaning, error_meaning
+from cnc.boards.grbl.faults import ALARMS, ERRORS, alarm_meaning, error_meaning
 from cnc.boards.grbl.messages import Firmware, Reported, StatusReader
 from cnc.boards.grbl.protocol import single
 from tests.support.boards.grbl_rig import ready
@@ -78,8 +78,8 @@ def test_damaged_reports(text: str) -> None:
 
 def test_every_code_has_a_meaning_and_advice() -> None:
     # 18 and 19 are grblHAL's alone
-    assert sorted(ERRORS) == [*range(1, 18), *range(20, 39)]
-    assert sorted(ALARMS) == list(range(1, 11))
+    assert sorted(ERRORS[Firmware.GRBL]) == [*range(1, 18), *range(20, 39)]
+    assert sorted(ALARMS[Firmware.GRBL]) == list(range(1, 11))
     for code in range(1, 93):
         for firmware in Firmware:
             assert all(error_meaning(code, firmware)), code
@@ -90,7 +90,7 @@ def test_grblhal_has_other_meanings_of_some_codes() -> None:
     assert "second limit switch" in alarm_meaning(10, Firmware.GRBL).fault
     assert "emergency stop" in alarm_meaning(10, Firmware.HAL).fault
     assert "second limit switch" in alarm_meaning(15, Firmware.HAL).fault
-    assert ALARMS_HAL[15].fault == ALARMS[10].fault
+    assert ALARMS[Firmware.HAL][15].fault == ALARMS[Firmware.GRBL][10].fault
 
 
 def test_fluidnc_has_other_meanings_of_some_codes() -> None:
