@@ -277,7 +277,6 @@ class Header(Section):
             "fanuc, haas, siemens and mach3, false for the others."
         ),
     )
-
     squareness: Squareness | None = Field(
         default=None,
         description=(
@@ -457,25 +456,10 @@ class Stock(Section):
     z: Span = Field(description="Lowest and highest Z, mm.")
 
 
-class Machine(Section):
+class Machine(Header):
     """A machine. The order of ``axes`` is the order of the columns of every position."""
 
-    name: str = Field(default="machine", description="Name of the machine, for reports.")
-    kind: MachineKind = Field(default="mill", description="Kind of machine.")
-    diameters: bool | None = Field(
-        default=None, description="Whether X is a diameter at the start of a lathe's program."
-    )
-    squareness: Squareness | None = Field(
-        default=None,
-        description=(
-            'Angles between the axes, such as { xy = "0.02 deg" }. The motion is corrected, so '
-            "that positions are true places."
-        ),
-    )
     file: str = Field(default="", description="Name of the machine file.", exclude=True)
-    start: dict[str, FiniteFloat] = Field(
-        default={}, description="Where the machine stands before a program."
-    )
     axes: Annotated[dict[AxisLetter, Axis], Field(min_length=1)] = Field(
         description="The axes, each as a table [axes.x]; their order is the order of the columns."
     )
