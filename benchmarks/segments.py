@@ -14,8 +14,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.boards.stepper.segments import SegmentDecoder, SegmentEncoder, split
+from cnc.boards.stepper.segments import SegmentEncoder, split
 from cnc.model.streams import PulseChunk
+from tests.support.boards.segment_decoder import SegmentDecoder
 
 Times = NDArray[np.int64]
 Steps = NDArray[np.int8]

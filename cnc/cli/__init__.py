@@ -12,10 +12,17 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Sequence
+from importlib import import_module
+from types import ModuleType
 
 from cnc.cli.signals import prepare_streams
 
 __all__ = ["exit_code", "main"]
+
+WORK = ("checking", "language_server", "operating", "projects", "rewriting")
+"""Modules that commands use as attributes of this package, so that they are imported then."""
+NEW_OBJECTS = 10_000
+"""New objects after which the collector looks for garbage among them."""
 
 
 def main() -> None:
@@ -70,3 +77,31 @@ def exit_code(arguments: Sequence[str]) -> int:
     from cnc.cli.commands import exit_code as carry_out
 
     return carry_out(arguments)
+
+
+def __getattr__(name: str) -> ModuleType:
+    """Import a module with the work of commands, and the library, when it is used first."""
+    if name not in WORK:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    load_library()
+    return import_module(f"{__name__}.{name}")
+
+
+def load_library() -> None:
+    """Import :mod:`cnc.api`, with its objects excluded from garbage collection.
+
+    They live as long as the process, and the collector would visit them again and again: during
+    the import it would take a tenth of the time. Later it visits the new objects less often than
+    Python's default of 700: a long program has many blocks, none of which is in a cycle.
+    """
+    gc.disable()
+    # The threads of linear algebra would only wait: no matrix here is large.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # pydantic would search all installed packages for extensions of itself.
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
+    try:
+        import_module("cnc.api")
+    finally:
+        gc.freeze()
+        gc.set_threshold(NEW_OBJECTS)
+        gc.enable()

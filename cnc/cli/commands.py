@@ -8,12 +8,13 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from cyclopts import App, CycloptsError, Parameter
 from cyclopts.argument import ArgumentCollection
 
 import cnc
+from cnc import cli
 from cnc.cli.keyboard import Keyboard
 from cnc.cli.messages import EXIT_PIPE, close_log, fail, internal_error, usage
 from cnc.cli.operate_commands import (
@@ -39,7 +40,6 @@ from cnc.cli.options import (
     MachineOption,
     TerminalOptions,
     check_files,
-    load_library,
     option,
     output,
 )
@@ -58,6 +58,12 @@ from cnc.model.diagnostics import (
 )
 from cnc.model.operator_control import Control, HomingStopped
 from cnc.version import __version__
+
+if TYPE_CHECKING:
+    import cnc.cli.checking
+    import cnc.cli.language_server
+    import cnc.cli.projects
+    import cnc.cli.rewriting
 
 # The application of cyclopts, with a quicker ``--help``.
 
@@ -132,11 +138,7 @@ def run(
     if dry_run:
         return check(program, common=common)
     common.prepare(program, on_board.port)
-    load_library()
-    from cnc.cli import checking
-    from cnc.cli.projects import options_of
-
-    chosen = options_of(program, common)
+    chosen = cli.projects.options_of(program, common)
     control = on_board.control(common.feed_override)
     display = ProgressDisplay(control, quiet=common.terminal.quiet, plain=on_board.plain)
     with display, Keyboard(control, report_hang_up) as keys:
@@ -162,7 +164,7 @@ def run(
             ),
             control=control,
         )
-    return checking.finish(report, common)
+    return cli.checking.finish(report, common)
 
 
 @app.command
@@ -195,17 +197,12 @@ def check(
     names = [name.replace(HYPHEN, "-") for name in programs]
     prints_results = format != "text" and (format, common.json) != ("json", "-")
     common.prepare(*names, baseline, to_standard_output=prints_results, further=options.stl)
-    load_library()
-    from cnc.cli import checking
-
     if fixes.wanted:
-        from cnc.cli.rewriting import repair_programs
-
         stream = common.summary_file if format == "text" else sys.stderr
-        repairs = repair_programs(names, common, options, fixes, stream)
+        repairs = cli.rewriting.repair_programs(names, common, options, fixes, stream)
         if fixes.diff:
             return repairs
-    return checking.check_programs(names, common, options, format, baseline, fail_on)
+    return cli.checking.check_programs(names, common, options, format, baseline, fail_on)
 
 
 @app.command
@@ -233,10 +230,9 @@ def diff(
         raise UsageError(Diagnostic("usage", message, hint=hint))
     check_files((json, terminal.log), (machine, first, second))
     terminal.open_log(machine, first, second)
-    load_library()
-    from cnc.cli import checking
-
-    return checking.compare_programs((first, second), machine, dialect, json, quiet=terminal.quiet)
+    return cli.checking.compare_programs(
+        (first, second), machine, dialect, json, quiet=terminal.quiet
+    )
 
 
 @app.command
@@ -262,11 +258,8 @@ def view(
     The motion is feed, acceleration and jerk. A page has the text of the program, too.
     """
     common.prepare(program, further=output)
-    load_library()
-    from cnc.cli import checking
-
-    report = checking.check_one(program, common, CheckOptions(stock=stock), output)
-    return checking.finish(report, common, output)
+    report = cli.checking.check_one(program, common, CheckOptions(stock=stock), output)
+    return cli.checking.finish(report, common, output)
 
 
 @app.command
@@ -316,10 +309,7 @@ def tools(
     add its length, and name the file in the machine file: tool_table under [program].
     """
     check_files((file,), (program,))
-    load_library()
-    from cnc.cli.checking import write_tool_table
-
-    write_tool_table(program, file)
+    cli.checking.write_tool_table(program, file)
     return 0
 
 
@@ -349,11 +339,8 @@ def format_programs(
     same to the bit.
     """
     terminal.open_log(machine, *programs)
-    load_library()
-    from cnc.cli import rewriting
-
     names = [name.replace(HYPHEN, "-") for name in programs]
-    return rewriting.format_programs(
+    return cli.rewriting.format_programs(
         names, machine, dialect, style, check=check, in_place=in_place, quiet=terminal.quiet
     )
 
@@ -364,10 +351,7 @@ def config(program: ProgramOption, /) -> int:
 
     The project file is cncrun.toml, or [tool.cncrun] in pyproject.toml, found upwards.
     """
-    load_library()
-    from cnc.cli.projects import described
-
-    print(*described(program), sep="\n")
+    print(*cli.projects.described(program), sep="\n")
     return 0
 
 
@@ -388,14 +372,13 @@ def lsp(
     pip install 'cncrun[lsp]'. Options in cncrun.toml hold for the programs of its folder.
     """
     terminal.open_log(machine)
-    load_library()
     try:
-        from cnc.cli import language_server
+        serve_editor = cli.language_server.serve
     except ImportError as error:
         message = f"the language server needs {error.name}, which is not installed"
         hint = "pip install 'cncrun[lsp]'"
         raise UsageError(Diagnostic("lsp-missing", message, hint=hint)) from error
-    language_server.serve(CommonOptions(machine=machine, dialect=dialect))
+    serve_editor(CommonOptions(machine=machine, dialect=dialect))
     return 0
 
 
@@ -423,10 +406,7 @@ def convert(
     file = options.output(program)
     check_files((None if options.in_place else file, json, terminal.log), (machine, program))
     terminal.open_log(machine, program)
-    load_library()
-    from cnc.cli import rewriting
-
-    return rewriting.convert_program(
+    return cli.rewriting.convert_program(
         program, file, options, machine, dialect, json, quiet=terminal.quiet
     )
 
@@ -466,20 +446,9 @@ def schema(
     /,
 ) -> int:
     """Print the JSON Schema of a file format."""
-    from cnc.machine.height_map import height_map_schema
-    from cnc.machine.load import machine_schema
-    from cnc.machine.project import project_schema
-    from cnc.report.models import summary_schema
-    from cnc.session.checkpoint import checkpoint_schema
+    from cnc.cli.schemas import SCHEMAS  # without the library, which takes longer
 
-    schemas = {
-        "machine": machine_schema,
-        "project": project_schema,
-        "summary": summary_schema,
-        "checkpoint": checkpoint_schema,
-        "height-map": height_map_schema,
-    }
-    print(json.dumps(schemas[document](), indent=2, ensure_ascii=False))
+    print(json.dumps(SCHEMAS[document](), indent=2, ensure_ascii=False))
     return 0
 
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import gc
 import os
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from importlib import import_module
 from typing import TYPE_CHECKING, Annotated, Literal, TextIO
 
 from cyclopts import Parameter, validators
@@ -433,27 +431,3 @@ def check_files(
             message = f"an output would overwrite {read[file]}"
             raise UsageError(Diagnostic("output-over-input", message, hint="give it another name"))
         taken.add(file)
-
-
-NEW_OBJECTS = 10_000
-"""New objects after which the collector looks for garbage among them."""
-
-
-def load_library() -> None:
-    """Import :mod:`cnc.api`, with its objects excluded from garbage collection.
-
-    They live as long as the process, and the collector would visit them again and again: during
-    the import it would take a tenth of the time. Later it visits the new objects less often than
-    Python's default of 700: a long program has many blocks, none of which is in a cycle.
-    """
-    gc.disable()
-    # The threads of linear algebra would only wait: no matrix here is large.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # pydantic would search all installed packages for extensions of itself.
-    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
-    try:
-        import_module("cnc.api")
-    finally:
-        gc.freeze()
-        gc.set_threshold(NEW_OBJECTS)
-        gc.enable()

@@ -6,15 +6,12 @@ The JSON file and its JSON Schema are made from these classes. The values come f
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, SkipValidation, TypeAdapter
 
 from cnc.model.blocks import AxisLetter
 from cnc.model.diagnostics import Diagnostic, Severity
-from cnc.report import result
-from cnc.report.result import LIMIT_NAMES, Extremes, Report
 
 Count = Annotated[int, Field(ge=0)]
 Amount = Annotated[float, Field(ge=0)]
@@ -186,7 +183,7 @@ class Summary(BaseModel):
         return self.model_dump(exclude_unset=True, warnings=False)
 
 
-def _finding_of(finding: Diagnostic, **more: Any) -> Finding:
+def finding_of(finding: Diagnostic, **more: Any) -> Finding:
     """Return a finding as a part of the summary.
 
     Args:
@@ -203,7 +200,7 @@ def _finding_of(finding: Diagnostic, **more: Any) -> Finding:
     )
 
 
-def _fix_of(finding: Diagnostic) -> dict[str, Fix]:
+def fix_of(finding: Diagnostic) -> dict[str, Fix]:
     """Return the key of the repair of a finding, if it has one."""
     if finding.fix is None:
         return {}
@@ -213,66 +210,6 @@ def _fix_of(finding: Diagnostic) -> dict[str, Fix]:
     ]
     fix = Fix.model_construct(title=finding.fix.title, safe=finding.fix.safe, edits=edits)
     return {"fix": fix}
-
-
-def _dynamics_of(extremes: Extremes) -> PathDynamics:
-    values = {name: getattr(extremes, name) for name in LIMIT_NAMES}
-    return PathDynamics.model_construct(**values, axes=extremes.axes)
-
-
-def changes_of(changes: result.Changes) -> Changes:
-    """Return the differences to the baseline as a part of the summary."""
-    figures: dict[str, Any] = {name: list(pair) for name, pair in changes.figures.items()}
-    return Changes.model_construct(
-        known=changes.known,
-        new=[_finding_of(finding) for finding in changes.new],
-        gone=[_finding_of(finding) for finding in changes.gone],
-        **figures,
-        bounding_box={axis: list(pair) for axis, pair in changes.box.items()},
-    )
-
-
-def summary_of(report: Report) -> Summary:
-    """Return the summary of a report."""
-    optional: dict[str, Any] = {}
-    if report.assumed:
-        optional["assumed"] = report.assumed
-    if report.played_s is not None:
-        optional["played_s"] = report.played_s
-    if report.cut is not None:
-        optional["stock"] = Stock.model_construct(**asdict(report.cut))
-    if report.height_map is not None:
-        optional["height_map"] = WarpedBy.model_construct(**asdict(report.height_map))
-    if report.changes is not None:
-        optional["changes"] = changes_of(report.changes)
-    total = report.timing.total_s
-    return Summary.model_construct(
-        program=report.program,
-        machine=report.machine.name,
-        dialect=report.dialect,
-        ok=report.ok,
-        lines=report.lines,
-        blocks=report.blocks,
-        errors=[
-            _finding_of(finding, column=finding.column, hint=finding.hint, **_fix_of(finding))
-            for finding in report.findings
-        ],
-        duration_s=report.duration_s,
-        path_length_mm=report.path_length_mm,
-        travel_checked=report.machine.has_travel,
-        bounding_box={axis: list(box) for axis, box in report.bounding_box.items()},
-        end_position=report.end_position,
-        max=_dynamics_of(report.largest),
-        limits=_dynamics_of(report.limits),
-        violations=report.violations,
-        steps=report.steps,
-        pulse_error_blu=report.pulse_error_blu,
-        stopped_at_line=report.stopped_at_line,
-        timing=Timing.model_construct(**asdict(report.timing)),
-        lines_per_s=report.lines / total if total else 0.0,
-        steps_per_s=sum(report.steps.values()) / total if total else 0.0,
-        **optional,
-    )
 
 
 def summary_schema() -> dict[str, Any]:

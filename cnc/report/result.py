@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
+from types import ModuleType
 from typing import Any
 
 from cnc.machine.models import Machine
@@ -84,6 +85,18 @@ class Changes:
                 for entry in findings
             ]
         return lines
+
+    def as_model(self) -> Any:
+        """Return the differences as a part of the summary."""
+        models = _models()
+        figures: dict[str, Any] = {name: list(pair) for name, pair in self.figures.items()}
+        return models.Changes.model_construct(
+            known=self.known,
+            new=[models.finding_of(finding) for finding in self.new],
+            gone=[models.finding_of(finding) for finding in self.gone],
+            **figures,
+            bounding_box={axis: list(pair) for axis, pair in self.box.items()},
+        )
 
 
 LIMIT_NAMES = ("feed", "accel", "jerk", "normal_accel", "chord_error", "step_deviation")
@@ -331,7 +344,51 @@ class Report:
 
     def as_json(self) -> dict[str, Any]:
         """Return the summary in the form of the public JSON file."""
-        # Most runs write no JSON, and the models take a while to build.
-        from cnc.report.models import summary_of
+        models = _models()
+        optional: dict[str, Any] = {}
+        if self.assumed:
+            optional["assumed"] = self.assumed
+        if self.played_s is not None:
+            optional["played_s"] = self.played_s
+        if self.cut is not None:
+            optional["stock"] = models.Stock.model_construct(**asdict(self.cut))
+        if self.height_map is not None:
+            optional["height_map"] = models.WarpedBy.model_construct(**asdict(self.height_map))
+        if self.changes is not None:
+            optional["changes"] = self.changes.as_model()
+        total = self.timing.total_s
+        return models.Summary.model_construct(
+            program=self.program,
+            machine=self.machine.name,
+            dialect=self.dialect,
+            ok=self.ok,
+            lines=self.lines,
+            blocks=self.blocks,
+            errors=[
+                models.finding_of(
+                    entry, column=entry.column, hint=entry.hint, **models.fix_of(entry)
+                )
+                for entry in self.findings
+            ],
+            duration_s=self.duration_s,
+            path_length_mm=self.path_length_mm,
+            travel_checked=self.machine.has_travel,
+            bounding_box={axis: list(box) for axis, box in self.bounding_box.items()},
+            end_position=self.end_position,
+            max=models.PathDynamics.model_construct(**asdict(self.largest)),
+            limits=models.PathDynamics.model_construct(**asdict(self.limits)),
+            violations=self.violations,
+            steps=self.steps,
+            pulse_error_blu=self.pulse_error_blu,
+            stopped_at_line=self.stopped_at_line,
+            timing=models.Timing.model_construct(**asdict(self.timing)),
+            lines_per_s=self.lines / total if total else 0.0,
+            steps_per_s=sum(self.steps.values()) / total if total else 0.0,
+            **optional,
+        ).as_json()
 
-        return summary_of(self).as_json()
+
+def _models() -> ModuleType:
+    from cnc.report import models  # most runs write no JSON, and the models take a while to build
+
+    return models

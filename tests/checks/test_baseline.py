@@ -12,7 +12,6 @@ from cnc.checks.baseline import Baseline
 from cnc.machine.load import load_machine
 from cnc.model.diagnostics import Diagnostic, GcodeError, UsageError
 from cnc.report.findings import github, junit, sarif
-from cnc.report.models import changes_of
 from cnc.report.result import Report
 
 MACHINE = load_machine("default")
@@ -130,7 +129,7 @@ def test_changed_time_and_extent(compare):
         "Y: 0 .. 1 -> none",
         "Z: none -> 0 .. 0.5",
     ]
-    assert changes_of(changes).model_dump(exclude_unset=True) == {
+    assert changes.as_model().model_dump(exclude_unset=True) == {
         "known": True,
         "new": [],
         "gone": [],

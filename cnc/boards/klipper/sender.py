@@ -297,18 +297,6 @@ class StepEncoder:
         )
 
 
-def step_times(runs: Runs, last: int) -> NDArray[np.int64]:
-    """Return the time of each step (n,) of runs that follow ``last``, ticks."""
-    times: list[NDArray[np.int64]] = []
-    for interval, count, add in zip(
-        runs.interval.tolist(), runs.length.tolist(), runs.add.tolist(), strict=True
-    ):
-        k = np.arange(count, dtype=np.int64)
-        times.append(last + (k + 1) * interval + add * (k * (k + 1) // 2))
-        last = int(times[-1][-1])
-    return np.concatenate(times) if times else np.empty(0, np.int64)
-
-
 # The emergency ramp: motion that is stretched in time, so that it comes to rest on its path.
 #
 # At the time t of a ramp of T seconds, the motion has the fraction ``1 - 3u^2 + 2u^3`` of its

@@ -1,4 +1,4 @@
-"""Pulses as segments for the stepper board, and back.
+"""Pulses as segments for the stepper board.
 
 Segments are compressed grid moves, in their order and within a tolerance of their times. The format
 is in ``docs/explanation/segments.md``; :mod:`cnc.boards.stepper.kernels.segments` plays it,
@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cnc.boards.stepper.kernels import segment_encoder as encoder
 from cnc.boards.stepper.kernels import segments as form
@@ -25,7 +24,7 @@ from cnc.boards.stepper.kernels.candidates import (
 from cnc.model.streams import PulseChunk
 
 ROWS = 65536
-"""Capacity of the buffers of encoder and decoder, grid moves."""
+"""Capacity of the buffers of the encoder, grid moves."""
 BATCH = 2 * encoder.LOOK_AHEAD
 """Grid moves that are worth a call of the kernel, because chunks may be short."""
 BYTES = 65536
@@ -172,40 +171,6 @@ class SegmentEncoder:
             self._rows -= done
 
 
-class SegmentDecoder:
-    """Plays segments as the board does, bit for bit."""
-
-    def __init__(self, axes: int) -> None:
-        self._clock = 0
-        self._time_ns = np.empty(ROWS, dtype=np.int64)
-        self._step = np.empty((ROWS, axes), dtype=np.int8)
-        self._tick = np.empty(form.MAX_ROWS, dtype=np.int64)
-        self._mask = np.empty(form.MAX_ROWS, dtype=np.uint8)
-
-    def play(self, segments: bytes) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int8]]]:
-        """Yield the grid moves of segments, some thousands at a time.
-
-        Args:
-            segments: Complete segments and commands.
-
-        Yields:
-            Times (n,) since the start of the first segment, ns, and steps (n, axes).
-
-        Raises:
-            ValueError: No segment begins at one of the bytes.
-        """
-        data = np.frombuffer(segments, dtype=np.uint8)
-        at = 0
-        while at < len(data):
-            begin = at
-            at, self._clock, rows = form.play_all(
-                data, at, self._clock, self._time_ns, self._step, self._tick, self._mask
-            )
-            if at == begin:
-                raise _no_segment(segments, at)
-            yield self._time_ns[:rows].copy(), self._step[:rows].copy()
-
-
 def split(segments: bytes) -> Iterator[bytes]:
     """Yield the single segments and commands.
 
@@ -217,10 +182,7 @@ def split(segments: bytes) -> Iterator[bytes]:
     while at < len(data):
         size = form.segment_bytes(data, at)
         if size < 0:
-            raise _no_segment(segments, at)
+            begin = segments[at : at + form.HEAD].hex(" ")
+            raise ValueError(f"No segment begins at byte {at}: {begin}.")
         yield segments[at : at + size]
         at += size
-
-
-def _no_segment(segments: bytes, at: int) -> ValueError:
-    return ValueError(f"No segment begins at byte {at}: {segments[at : at + form.HEAD].hex(' ')}.")

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from cnc.boards.klipper.kernels.step_runs import MAX_ADD, MAX_COUNT, MAX_INTERVAL, MIN_ADD, Runs
-from cnc.boards.klipper.sender import StepEncoder, step_times
+from cnc.boards.klipper.sender import StepEncoder
 from tests.support.soak import check_without_compiler, share
 
 
@@ -33,6 +33,18 @@ def check(
             assert direction == sign[k]
             k += 1
     assert k == len(due)
+
+
+def step_times(runs: Runs, last: int) -> NDArray[np.int64]:
+    """Return the time of each step (n,) of runs that follow ``last``, ticks."""
+    times: list[NDArray[np.int64]] = []
+    for interval, count, add in zip(
+        runs.interval.tolist(), runs.length.tolist(), runs.add.tolist(), strict=True
+    ):
+        k = np.arange(count, dtype=np.int64)
+        times.append(last + (k + 1) * interval + add * (k * (k + 1) // 2))
+        last = int(times[-1][-1])
+    return np.concatenate(times) if times else np.empty(0, np.int64)
 
 
 @given(st.lists(st.integers(1, 2**20), max_size=200), st.integers(0, 2000), st.data())

@@ -6,8 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cnc.boards.stepper.kernels import segment_encoder, segments
-from cnc.boards.stepper.segments import ROWS, SegmentDecoder, SegmentEncoder, command, split
+from cnc.boards.stepper.segments import ROWS, SegmentEncoder, command, split
 from cnc.model.streams import PulseChunk
+from tests.support.boards.segment_decoder import SegmentDecoder
 from tests.support.boards.segment_player import moves
 from tests.support.soak import share
 

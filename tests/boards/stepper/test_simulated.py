@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from cnc.boards.stepper.driver import Stepper
-from cnc.boards.stepper.segments import SegmentDecoder
 from cnc.model.blocks import Coolant, Dwell, Spindle
 from cnc.model.diagnostics import BoardError
+from tests.support.boards.segment_decoder import SegmentDecoder
 from tests.support.boards.stepper_rig import (
     CLOSE_US,
     FAULTS,

@@ -208,39 +208,6 @@ def play(data: Bytes, at: int, clock: int, tick: Ints, mask: Bytes) -> tuple[int
     return rows, clock
 
 
-@njit
-def play_all(
-    data: Bytes, at: int, clock: int, time_ns: Ints, step: NDArray[np.int8], tick: Ints, mask: Bytes
-) -> tuple[int, int, int]:
-    """Play segments from byte ``at`` on while the arrays have space for the longest one.
-
-    Args:
-        data: Segments.
-        at: First byte.
-        clock: Clock at the start, 1/256 tick.
-        time_ns: Gets the times of the grid moves (rows,).
-        step: Gets their steps (rows, axes).
-        tick: Scratch for one segment (MAX_ROWS,).
-        mask: Scratch for one segment (MAX_ROWS,).
-
-    Returns:
-        First byte that was not played, the clock, and the number of grid moves.
-    """
-    rows = 0
-    size = segment_bytes(data, at)
-    while size > 0 and rows + MAX_ROWS <= len(time_ns):
-        made, clock = play(data, at, clock, tick, mask)
-        backward = data[at + 1] >> 4
-        for k in range(made):
-            time_ns[rows] = tick[k] * TICK_NS
-            for i in range(step.shape[1]):
-                step[rows, i] = (-1 if backward >> i & 1 else 1) if mask[k] >> i & 1 else 0
-            rows += 1
-        at += size
-        size = segment_bytes(data, at)
-    return at, clock, rows
-
-
 # Bytes of a segment, written by the encoder.
 
 
