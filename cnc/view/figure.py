@@ -1,6 +1,6 @@
 """The picture as PNG or SVG, drawn by matplotlib: the first view of the HTML page.
 
-matplotlib belongs to the extra ``view`` and is imported at the first use.
+matplotlib belongs to the extra ``view``, so this module is imported when a picture is drawn.
 """
 
 from __future__ import annotations
@@ -9,18 +9,21 @@ import io
 import itertools
 import math
 import warnings
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
+from matplotlib import colormaps, rc_context
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection
+from matplotlib.colors import ListedColormap, Normalize
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from cnc.machine.models import Machine
 from cnc.report.result import UNITS, Report
 from cnc.view.collect import DRAWN_AXES, Picture, Sizes, stock_box, travel_box
 from cnc.view.tables import Curves, Strokes, tolerance_shown
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 Floats = NDArray[np.float64]
 
@@ -48,9 +51,6 @@ BRIGHTEST = 0.78
 
 def draw(picture: Picture, report: Report, kind: Literal["png", "svg"]) -> bytes:
     """Return the contents of the image file."""
-    from matplotlib import rc_context
-    from matplotlib.figure import Figure
-
     look: Any = {
         "font.size": 9,
         "axes.grid": True,
@@ -114,11 +114,6 @@ def _view_matrix(*, flat: bool, lathe: bool) -> Floats:
 
 def _path(axes: Axes, picture: Picture, machine: Machine) -> Floats:
     """Draw the path and return the matrix of the view."""
-    from matplotlib import colormaps
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.collections import LineCollection
-    from matplotlib.colors import ListedColormap, Normalize
-
     strokes = picture.strokes
     extent = np.ptp(strokes.position, axis=0)
     flat = bool(extent[2] < 0.01 * max(float(np.linalg.norm(extent)), 1e-9))

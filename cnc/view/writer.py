@@ -13,7 +13,7 @@ from cnc.model.diagnostics import Diagnostic, UsageError
 from cnc.planner.plan import PlanChunk
 from cnc.report.result import Report
 from cnc.report.targets import BytesTarget, Output, TextTarget, Writer
-from cnc.view import figure, page
+from cnc.view import page
 from cnc.view.collect import Collector
 
 SUFFIXES = (".html", ".png", ".svg", ".json")
@@ -112,13 +112,15 @@ class FigureWriter(Writer[BytesTarget]):
     """Writes a PNG or an SVG."""
 
     def __init__(self, name: str, report: Report, start: NDArray[np.float64]) -> None:
+        from cnc.view import figure  # it imports matplotlib
+
         super().__init__(BytesTarget(name))
-        self._report = report
+        self._report, self._draw = report, figure.draw
         self._collector = Collector(report.machine, figure.SIZES, report.program, start)
         self.add = self._collector.add
 
     def close(self) -> None:
         """Write the image and put it in place."""
         kind: Literal["png", "svg"] = "svg" if self._target.name.lower().endswith(".svg") else "png"
-        self._target.write(figure.draw(self._collector.picture(), self._report, kind))
+        self._target.write(self._draw(self._collector.picture(), self._report, kind))
         super().close()
