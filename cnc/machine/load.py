@@ -11,26 +11,20 @@ from dataclasses import dataclass
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from pydantic import ValidationError
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import core_schema
 
 from cnc.kinematics.five_axis import FiveAxis
-from cnc.machine.compensation import Squareness, TableError, read_error_table, screw
+from cnc.machine.compensation import TableError, read_error_table, screw
 from cnc.machine.kinematics import KINEMATICS, OF_TIP, Cartesian
-from cnc.machine.klipper import KlipperAxis, KlipperBoard, KlipperSpindle, TrinamicDriver
 from cnc.machine.models import (
     Axis,
-    Board,
     Header,
     Homing,
-    HomingOrder,
     Machine,
-    Motor,
-    PathLimits,
-    Program,
     Stock,
     gantry_inconsistencies,
     switch_end,
@@ -324,15 +318,6 @@ _MESSAGES: dict[str, str] = {
 }
 """Messages for the error types of pydantic, without its terms."""
 
-_SECTIONS: dict[str, type[Section]] = {
-    "machine": Header,
-    "path": PathLimits,
-    "board": Board,
-    "program": Program,
-    "homing": HomingOrder,
-    "stock": Stock,
-}
-
 
 def shipped_folder() -> Traversable:
     """Return the folder of the shipped machine files.
@@ -584,26 +569,22 @@ def _names_beside(key: tuple[str, ...]) -> list[str]:
     if len(key) == 1:
         names = (name for name in Machine.model_fields if name not in Header.model_fields)
         return ["machine", *(name for name in names if name != "file")]
-    if key[0] == "kinematics":
-        return [*dict.fromkeys(field for model in KINEMATICS for field in model.model_fields)]
-    if key[0] in ("axes", "joints"):
-        if len(key) > 3:
-            return list((Motor if key[2] == "motors" else Homing).model_fields)
-        return list(Axis.model_fields if len(key) > 2 else AXIS_LETTERS)
-    return list(_section(key).model_fields)
+    models: list[type[Section]] = [Header if key[0] == "machine" else Machine]
+    parts = iter(key[1:-1] if key[0] == "machine" else key[:-1])
+    for part in parts:
+        fields = (model.model_fields[part] for model in models if part in model.model_fields)
+        models = [table for field in fields for table in _tables(field.annotation)] or models
+        if part in ("axes", "joints") and next(parts, None) is None:
+            return list(AXIS_LETTERS)
+    return [*dict.fromkeys(name for model in models for name in model.model_fields)]
 
 
-def _section(key: tuple[str, ...]) -> type[Section]:
-    """Return the model of the table in which a key stands."""
-    if key[:2] == ("machine", "squareness") and len(key) > 2:
-        return Squareness
-    if key[:2] != ("board", "klipper") or len(key) == 2:
-        return _SECTIONS[key[0]]
-    if len(key) == 3:
-        return KlipperBoard
-    if key[2] == "spindle":
-        return KlipperSpindle
-    return TrinamicDriver if key[3] == "driver" and len(key) > 4 else KlipperAxis
+def _tables(annotation: object) -> Iterator[type[Section]]:
+    """Yield the models of the tables that a key may hold."""
+    if isinstance(annotation, type) and issubclass(annotation, Section):
+        yield annotation
+    for part in get_args(annotation):
+        yield from _tables(part)
 
 
 def _with_error_tables(machine: Machine, file: Traversable, text: str) -> Machine:
