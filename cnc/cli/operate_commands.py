@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -27,7 +27,6 @@ from cnc.model.diagnostics import (
     CncError,
     Diagnostic,
     UsageError,
-    printable,
 )
 from cnc.model.operator_control import Control
 from cnc.model.units import per_second
@@ -177,19 +176,8 @@ def height_map(
     A run with --height-map follows the surface.
     """
     check_files((output, terminal.log), (machine,))
-    area_x, area_y = cli.operating.spans(area)
-    points = cli.operating.Grid(
-        x=area_x,
-        y=area_y,
-        step=grid.step,
-        clear=grid.clear,
-        depth=grid.depth,
-        feed=grid.feed,
-        zero=grid.set_zero,
-        interpolation=grid.interpolation,
-        tolerance=grid.tolerance,
-    )
-    points.check()
+    chosen = asdict(grid)
+    points = cli.operating.grid_of(area, zero=chosen.pop("set_zero"), **chosen)
     terminal.open_log(machine)
     with cli.operating.session(machine, board, port) as (session, signals):
         session.select_system(system.upper())
@@ -201,11 +189,7 @@ def height_map(
             if signals.stopped:
                 return EXIT_STOPPED
             raise
-    cli.operating.save_height_map(surface, output)
-    if not terminal.quiet:
-        low, high = surface.extremes
-        count = f"{len(surface.x)} x {len(surface.y)} points"
-        print(f"height map   {printable(output)}: {count}, {low:.3f} to {high:.3f} mm")
+    cli.operating.write_map(surface, output, quiet=terminal.quiet)
     return 0
 
 

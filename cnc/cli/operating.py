@@ -9,7 +9,7 @@ from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import cnc
 from cnc.boards import discovery, serial_port
@@ -18,10 +18,12 @@ from cnc.boards.registry import board_factory, open_board
 from cnc.cli.keyboard import Keyboard
 from cnc.cli.messages import fail
 from cnc.cli.signals import OperatorSignals
+from cnc.machine.height_map import HeightMap, save_height_map
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import Diagnostic, UsageError, printable
 from cnc.model.operator_control import Control
 from cnc.operate.events import Event, Finding, JobEnded, Notice
+from cnc.operate.height_mapping import Grid
 from cnc.operate.operator_session import OperatorSession
 from cnc.report.result import position
 from cnc.session.position_check import write_offsets
@@ -34,15 +36,31 @@ POLL = 0.1
 T = TypeVar("T")
 
 
-def spans(given: Sequence[str]) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the ends of the area along X and Y; UsageError ``usage``."""
-    matches = [SPAN.fullmatch(text) for text in given]
+def grid_of(area: Sequence[str], **options: Any) -> Grid:
+    """Return a grid to probe; UsageError ``usage``, ``height-map-grid``.
+
+    Args:
+        area: Its ends along X and Y.
+        **options: The other values of the grid.
+    """
+    matches = [SPAN.fullmatch(text) for text in area]
     ends = {m[1].lower(): (float(m[2]), float(m[3])) for m in matches if m is not None}
-    if set(ends) != {"x", "y"} or len(given) != 2:
+    if set(ends) != {"x", "y"} or len(area) != 2:
         message = "the area needs X and Y, each from its lowest position"
         hint = "such as X0:100 Y0:60"
         raise UsageError(Diagnostic("usage", message, hint=hint))
-    return ends["x"], ends["y"]
+    grid = Grid(**ends, **options)
+    grid.check()
+    return grid
+
+
+def write_map(surface: HeightMap, name: str, *, quiet: bool) -> None:
+    """Write a height map, and print its size and its extremes."""
+    save_height_map(surface, name)
+    if not quiet:
+        low, high = surface.extremes
+        count = f"{len(surface.x)} x {len(surface.y)} points"
+        print(f"height map   {printable(name)}: {count}, {low:.3f} to {high:.3f} mm")
 
 
 @contextmanager

@@ -93,10 +93,10 @@ class Milled(SimpleJob):
         """Width of one pass, mm. Above 85 % of the diameter corners between rings would stay."""
         return self.step_over / 100.0 * self.diameter
 
-    def levels(self) -> list[float]:
-        """Return Z of the passes, mm."""
+    def levels(self) -> list[tuple[float, float]]:
+        """Return Z before and in each pass, mm."""
         count = _count(self.depth, self.step_down)
-        return [-self.depth * (k + 1) / count for k in range(count)]
+        return [(-self.depth * k / count, -self.depth * (k + 1) / count) for k in range(count)]
 
     def rings(self, first: float, last: float) -> list[float]:
         """Return the distances of rings, from one behind ``first`` to ``last``."""
@@ -122,9 +122,9 @@ class Surfacing(Milled):
         left = self.x - self.diameter / 2.0 - self.overrun
         right = self.x + self.width + self.diameter / 2.0 + self.overrun
         rows = [self.y, *(self.y + way for way in self.rings(0.0, self.length))]
-        for level in self.levels():
+        for _, level in self.levels():
             yield f"G0 Z{_n(self.clear)}"
-            yield f"G0 X{_n(left)} Y{_n(rows[0])}"
+            yield f"G0 {_xy((left, rows[0]))}"
             yield f"G1 Z{_n(level)} F{_n(self.plunge)}"
             for k, row in enumerate(rows):
                 if k:
@@ -154,27 +154,25 @@ class RectangularPocket(Milled):
         x, y = self.x + self.width / 2.0, self.y + self.length / 2.0
         begin, end = (x - ends[0], y - ends[1]), (x + ends[0], y + ends[1])
         helix = min(least, HELIX * self.diameter)
-        before = 0.0
-        for k, level in enumerate(self.levels()):
+        for depths in self.levels():
             if helix >= LEAST_HELIX * self.diameter:
-                yield from _helix(self, (x, y), helix, (before, level), arrive=k == 0)
-                yield f"G1 X{_n(begin[0])} Y{_n(begin[1])} F{_n(self.feed)}"
+                yield from _helix(self, (x, y), helix, depths)
+                yield f"G1 {_xy(begin)} F{_n(self.feed)}"
             else:
-                yield from _ramp(self, begin, end, (before, level), arrive=k == 0)
+                yield from _ramp(self, begin, end, depths)
             if begin != end:
-                yield f"G1 X{_n(end[0])} Y{_n(end[1])} F{_n(self.feed)}"
-                yield f"G1 X{_n(begin[0])} Y{_n(begin[1])}"
+                yield f"G1 {_xy(end)} F{_n(self.feed)}"
+                yield f"G1 {_xy(begin)}"
             for ring in self.rings(0.0, least):
                 low = (begin[0] - ring, begin[1] - ring)
                 high = (end[0] + ring, end[1] + ring)
-                yield f"G1 X{_n(low[0])} Y{_n(low[1])}"
+                yield f"G1 {_xy(low)}"
                 yield f"G1 X{_n(high[0])}"
                 yield f"G1 Y{_n(high[1])}"
                 yield f"G1 X{_n(low[0])}"
                 yield f"G1 Y{_n(low[1])}"
             # Away from the wall, so that going up leaves no mark.
-            yield f"G1 X{_n(begin[0])} Y{_n(begin[1])}"
-            before = level
+            yield f"G1 {_xy(begin)}"
 
 
 class RoundPocket(Milled):
@@ -194,15 +192,13 @@ class RoundPocket(Milled):
             least = _n((1.0 + 2.0 * LEAST_HELIX) * self.diameter)
             message = f"the tool is too thick for a helix: the pocket needs {least} mm"
             raise _wrong(message, "take a thinner tool, or drill it")
-        helix = min(wall, HELIX * self.diameter)
-        before = 0.0
-        for k, level in enumerate(self.levels()):
-            yield from _helix(self, (self.x, self.y), helix, (before, level), arrive=k == 0)
+        centre, helix = (self.x, self.y), min(wall, HELIX * self.diameter)
+        for depths in self.levels():
+            yield from _helix(self, centre, helix, depths)
             for n, ring in enumerate(self.rings(helix, wall)):
                 yield f"G1 X{_n(self.x + ring)}" + (f" F{_n(self.feed)}" if n == 0 else "")
-                yield f"G3 X{_n(self.x + ring)} Y{_n(self.y)} I{_n(-ring)} J0"
-            yield f"G1 X{_n(self.x)} Y{_n(self.y)} F{_n(self.feed)}"
-            before = level
+                yield f"G3 {_xy((self.x + ring, self.y))} I{_n(-ring)} J0"
+            yield f"G1 {_xy(centre)} F{_n(self.feed)}"
 
 
 class Slot(Milled):
@@ -228,20 +224,19 @@ class Slot(Milled):
         begin, end = (self.x, self.y), (self.x_end, self.y_end)
         # To the right of the way from the first to the second end.
         right = ((self.y_end - self.y) / way, (self.x - self.x_end) / way)
-        before = 0.0
-        for k, level in enumerate(self.levels()):
-            yield from _ramp(self, begin, end, (before, level), arrive=k == 0)
-            yield f"G1 X{_n(end[0])} Y{_n(end[1])} F{_n(self.feed)}"
-            yield f"G1 X{_n(begin[0])} Y{_n(begin[1])}"
+        for depths in self.levels():
+            yield from _ramp(self, begin, end, depths)
+            yield f"G1 {_xy(end)} F{_n(self.feed)}"
+            yield f"G1 {_xy(begin)}"
             for ring in self.rings(0.0, wall):
                 i, j = ring * right[0], ring * right[1]
-                yield f"G1 X{_n(begin[0] + i)} Y{_n(begin[1] + j)}"
-                yield f"G1 X{_n(end[0] + i)} Y{_n(end[1] + j)}"
-                yield f"G3 X{_n(end[0] - i)} Y{_n(end[1] - j)} I{_n(-i)} J{_n(-j)}"
-                yield f"G1 X{_n(begin[0] - i)} Y{_n(begin[1] - j)}"
-                yield f"G3 X{_n(begin[0] + i)} Y{_n(begin[1] + j)} I{_n(i)} J{_n(j)}"
-            yield f"G1 X{_n(begin[0])} Y{_n(begin[1])}"
-            before = level
+                first = _xy((begin[0] + i, begin[1] + j))
+                yield f"G1 {first}"
+                yield f"G1 {_xy((end[0] + i, end[1] + j))}"
+                yield f"G3 {_xy((end[0] - i, end[1] - j))} I{_n(-i)} J{_n(-j)}"
+                yield f"G1 {_xy((begin[0] - i, begin[1] - j))}"
+                yield f"G3 {first} I{_n(i)} J{_n(j)}"
+            yield f"G1 {_xy(begin)}"
 
 
 class Holes(SimpleJob):
@@ -266,7 +261,7 @@ class Holes(SimpleJob):
         cycle = f"G98 {'G83' if pecks else 'G81'} Z{_n(-self.depth)} R{_n(ABOVE)}"
         words = f"{cycle}{f' Q{_n(self.peck)}' if pecks else ''} F{_n(self.plunge)}"
         for k, (x, y) in enumerate(self.places()):
-            yield f"{'' if k else words + ' '}X{_n(x)} Y{_n(y)}"
+            yield f"{'' if k else words + ' '}{_xy((x, y))}"
         yield "G80"
 
 
@@ -343,10 +338,10 @@ class Text(SimpleJob):
                 (self.x + x * cosine - y * sine, self.y + x * sine + y * cosine) for x, y in stroke
             ]
             yield f"G0 Z{_n(self.clear)}"
-            yield f"G0 X{_n(places[0][0])} Y{_n(places[0][1])}"
+            yield f"G0 {_xy(places[0])}"
             yield f"G1 Z{_n(-self.depth)} F{_n(self.plunge)}"
             for k, (x, y) in enumerate(places[1:]):
-                yield f"G1 X{_n(x)} Y{_n(y)}" + ("" if k else f" F{_n(self.feed)}")
+                yield f"G1 {_xy((x, y))}" + ("" if k else f" F{_n(self.feed)}")
 
 
 KINDS: dict[str, type[SimpleJob]] = {
@@ -424,13 +419,11 @@ def _helix(
     centre: tuple[float, float],
     radius: float,
     depths: tuple[float, float],
-    *,
-    arrive: bool,
 ) -> Iterator[str]:
     """Yield a helix from one depth to the next, and a circle on its floor; it ends at +X."""
     x, y = centre
-    here = f"X{_n(x + radius)} Y{_n(y)}"
-    if arrive:
+    here = _xy((x + radius, y))
+    if depths[0] == 0.0:
         yield f"G0 {here}"
         yield f"G1 Z{_n(depths[0])} F{_n(job.plunge)}"
     else:
@@ -447,21 +440,19 @@ def _ramp(
     begin: tuple[float, float],
     end: tuple[float, float],
     depths: tuple[float, float],
-    *,
-    arrive: bool,
 ) -> Iterator[str]:
     """Yield a ramp from one depth to the next, there and back on a line; it ends at ``begin``."""
     way = math.dist(begin, end)
     if way < job.diameter / 2.0:
         raise _wrong("the pocket is too short and narrow for a ramp", "take a thinner tool")
-    if arrive:
-        yield f"G0 X{_n(begin[0])} Y{_n(begin[1])}"
+    if depths[0] == 0.0:
+        yield f"G0 {_xy(begin)}"
         yield f"G1 Z{_n(depths[0])} F{_n(job.plunge)}"
     passes = 2 * _count(depths[0] - depths[1], 2.0 * way * RAMP)
     for k in range(passes):
         x, y = begin if k % 2 else end
         z = depths[0] + (depths[1] - depths[0]) * (k + 1) / passes
-        yield f"G1 X{_n(x)} Y{_n(y)} Z{_n(z)} F{_n(job.plunge)}"
+        yield f"G1 {_xy((x, y))} Z{_n(z)} F{_n(job.plunge)}"
 
 
 def _count(length: float, step: float) -> int:
@@ -473,6 +464,11 @@ def _n(value: float) -> str:
     """Return a number with at most four decimals."""
     text = f"{value:.4f}".rstrip("0").rstrip(".")
     return re.sub(r"^-0$", "0", text)
+
+
+def _xy(place: tuple[float, float]) -> str:
+    """Return the words of a place."""
+    return f"X{_n(place[0])} Y{_n(place[1])}"
 
 
 def _wrong(message: str, hint: str) -> UsageError:
