@@ -24,7 +24,7 @@ from cnc.session.checkpoint import CheckpointWriter
 from cnc.session.options import Outputs, RunOptions
 from cnc.session.program_reader import ProgramReader
 from cnc.session.resume import PausePlace
-from cnc.session.run_pulses import CountingInterpolator, Progress
+from cnc.session.run_pulses import Progress, PulseInterpolator
 
 if TYPE_CHECKING:
     from cnc.stock.simulation import Material
@@ -288,7 +288,7 @@ class Stopwatch:
 class TimedInterpolator:
     """An interpolator with a stopwatch, with the methods that the executor calls."""
 
-    def __init__(self, interpolator: CountingInterpolator, stopwatch: Stopwatch) -> None:
+    def __init__(self, interpolator: PulseInterpolator, stopwatch: Stopwatch) -> None:
         self._interpolator = interpolator
         self._stopwatch = stopwatch
 

@@ -121,10 +121,6 @@ class PulseInterpolator(Protocol):
     def stand_at(self, grid: NDArray[np.int64]) -> None:
         """Continue from a grid point (axes,) that was not planned, such as that of a contact."""
 
-
-class CountingInterpolator(PulseInterpolator, Protocol):
-    """An interpolator that counts steps."""
-
     @property
     def steps_made(self) -> NDArray[np.int64]:
         """Number of steps of each axis (axes,) in all pulses so far."""

@@ -81,16 +81,7 @@ def main(arguments: list[str] | None = None) -> int:
     with PtyServer(simulator, chosen.factor) as server:
         changed = ", ".join(setting_text(number, value) for number, value in chosen.setting)
         settings = f" with {changed}" if changed else ""
-        sys.stdout.write(f"{server.name}\n")
-        sys.stderr.write(
-            f"a simulated {chosen.flavour} board at {server.name}{settings}; stop it with Ctrl-C\n"
-        )
-        sys.stdout.flush()
-        try:
-            server.wait()
-        except KeyboardInterrupt:
-            return 130
-    return 0
+        return server.serve(f"a simulated {chosen.flavour} board at {server.name}{settings}")
 
 
 if __name__ == "__main__":

@@ -30,15 +30,7 @@ def main(arguments: list[str] | None = None) -> int:
         simulator = simulator_for(machine)
         add_ends(simulator, machine)
     with PtyServer(simulator) as server:
-        sys.stdout.write(f"{server.name}\n")
-        sys.stdout.flush()
-        name = simulator.firmware.mcu
-        sys.stderr.write(f"a simulated {name} at {server.name}; stop it with Ctrl-C\n")
-        try:
-            server.wait()
-        except KeyboardInterrupt:
-            return 130
-    return 0
+        return server.serve(f"a simulated {simulator.firmware.mcu} at {server.name}")
 
 
 if __name__ == "__main__":

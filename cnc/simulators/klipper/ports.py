@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import os
 import select
-import sys
 import threading
 import time
 from collections.abc import Sequence
@@ -27,9 +26,7 @@ from cnc.machine.models import Machine
 from cnc.simulators.klipper.devices import DriverModel, UartModel
 from cnc.simulators.klipper.ends import add_ends
 from cnc.simulators.klipper.klipper_simulator import KlipperSimulator
-
-if sys.platform != "win32":
-    import tty
+from cnc.simulators.terminal import READ_SIZE, Terminal
 
 NAME = "the Klipper simulator"
 UNPLUGGED, VANISHED = "the cable was pulled", "the device was reset"
@@ -207,18 +204,14 @@ def with_pins(machine: Machine) -> Machine:
     return machine.model_copy(update={"board": board})
 
 
-# The Klipper simulator at a pseudo-terminal, in real time (Unix only).
-#
-# A thread advances the simulator with the clock of this computer. So a program that is stopped or
-# killed leaves the board running, as a real one.
+# The Klipper simulator at a pseudo-terminal, in real time.
 
-READ_SIZE = 4096
 STEP_S = 0.0005
 """Longest time between two advances of the simulator."""
 
 
-class PtyServer:
-    """A terminal with the name ``name``; ``with`` closes it.
+class PtyServer(Terminal):
+    """The terminal of a simulated board.
 
     Args:
         simulator: The board. Other threads may use it under ``lock``.
@@ -227,33 +220,8 @@ class PtyServer:
     def __init__(self, simulator: KlipperSimulator) -> None:
         self.simulator = simulator
         self.lock = threading.Lock()
-        self._ours, self._theirs = os.openpty()
-        tty.setraw(self._theirs)
-        self.name = os.ttyname(self._theirs)
-        os.set_blocking(self._ours, False)
-        self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._serve, name="klipper-simulator", daemon=True)
+        super().__init__()
         self._thread.start()
-
-    def __enter__(self) -> PtyServer:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """End the terminal."""
-        if not self._ended.is_set():
-            self._ended.set()
-            self._thread.join()
-            os.close(self._ours)
-            with contextlib.suppress(OSError):
-                os.close(self._theirs)
-
-    def wait(self) -> None:
-        """Wait until the terminal ends."""
-        while not self._ended.wait(0.2):
-            pass
 
     def _serve(self) -> None:
         simulator = self.simulator
