@@ -357,7 +357,7 @@ class Report:
         if self.changes is not None:
             optional["changes"] = self.changes.as_model()
         total = self.timing.total_s
-        return models.Summary.model_construct(
+        summary = models.Summary.model_construct(
             program=self.program,
             machine=self.machine.name,
             dialect=self.dialect,
@@ -385,7 +385,9 @@ class Report:
             lines_per_s=self.lines / total if total else 0.0,
             steps_per_s=sum(self.steps.values()) / total if total else 0.0,
             **optional,
-        ).as_json()
+        )
+        keys: dict[str, Any] = summary.as_json()
+        return keys
 
 
 def _models() -> ModuleType:

@@ -365,7 +365,11 @@ def test_the_simulator_imports_nothing_of_the_sender():
         "cnc.machine.models",
         "cnc.model.blocks",
         "cnc.model.units",
+        "cnc.simulators.terminal",
     }
+    terminal = ast.parse((folder.parent / "terminal.py").read_text())
+    imports = [node for node in ast.walk(terminal) if isinstance(node, ast.ImportFrom)]
+    assert not [node.module for node in imports if node.module.startswith("cnc")]
 
 
 def test_settings_of_a_machine_file():
