@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,61 +66,15 @@ class Readings:
     overrides: tuple[float, float, float] | None = None
 
 
-class OperatedMachine(Protocol):
-    """A machine at rest, and its jogs. All methods may raise BoardError.
-
-    Attributes:
-        board: The board.
-        machine: The machine, with the travel of the board.
-        rest: Time that a stop of a jog may take itself, s.
-        pause: Time until the worker looks for a next task after a poll, s.
-        stops_outputs: Whether spindle and coolant stop at the end of a program without M5 and M9.
-    """
-
-    @property
-    def board(self) -> PulseSink | LineSink:
-        """The board."""
-
-    machine: Machine
-    rest: float
-    pause: float
-    stops_outputs: bool
-
-    def readings(self) -> Readings:
-        """Return the present readings."""
-
-    def of_progress(self, progress: Progress) -> Readings:
-        """Return the readings during a run."""
-
-    def poll(self) -> None:
-        """Exchange reports with the board at rest, for at most some hundredths of a second."""
-
-    def home(self, axes: Sequence[str], control: Control) -> None:
-        """Home axes; all that have a switch if there are none."""
-
-    def jog(self, move: JogMove, control: Control, on_report: Callable[[Readings], None]) -> None:
-        """Jog until the end point, or until ``control`` holds; return at rest."""
-
-    def offsets(self) -> dict[str, dict[str, float]]:
-        """Return the offsets by name (G54 to G59.3, G92) and axis, mm."""
-
-    def set_work_position(self, system: str, values: Mapping[str, float]) -> None:
-        """Set the offset of a system so that the axes stand at work positions, mm."""
-
-    def keep_shift(self, parameters: Mapping[int, float]) -> None:
-        """Keep the shift of G92 that an entered line has left, by the parameters at its end."""
-
-    def revive(self) -> None:
-        """Make the board ready for the next activity."""
-
-    def unlock(self, *, at_switch: bool) -> None:
-        """Leave an alarm without homing; ``at_switch``: also where a limit switch is pressed."""
-
-    def for_jogs(self) -> Machine:
-        """Return the machine with the limits that hold for a jog."""
-
-
-# A machine behind a board that takes lines.
+# A machine behind a board that takes lines, or pulses. Both have the same methods and attributes:
+#
+#     board          the board
+#     machine        the machine, with the travel of the board
+#     rest           time that a stop of a jog may take itself, s
+#     pause          time until the worker looks for a next task after a poll, s
+#     stops_outputs  whether spindle and coolant stop at the end of a program without M5 and M9
+#
+# All methods may raise BoardError.
 
 NEVER = 2**31 - 1
 """A line that no run reaches."""
@@ -252,8 +205,6 @@ class LineMachine:
         """Return the machine with the rates and accelerations of the board, for jogs."""
         return self._operation.limits_for_jogs(self.machine)
 
-
-# A machine behind a board that plays pulses.
 
 Floats = NDArray[np.float64]
 
@@ -418,6 +369,9 @@ class PulseMachine:
             axes[letter] = axis.model_copy(update={"max_velocity": fastest})
         return machine.model_copy(update={"axes": axes})
 
+
+OperatedMachine = LineMachine | PulseMachine
+"""A machine at rest, and its jogs."""
 
 # Boards for an operator: simulated ones run in real time, because somebody watches them.
 

@@ -11,7 +11,7 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Concatenate, NamedTuple, ParamSpec, Protocol, TypeVar
+from typing import Any, Concatenate, NamedTuple, ParamSpec, TypeVar
 
 from cnc.boards.port import Clock, SystemClock
 from cnc.boards.protocols import LineSink, PulseSink
@@ -77,11 +77,6 @@ def change_setting(board: PulseSink | LineSink, number: int, value: str) -> None
     settings.write(settings.changes({number: value}))
 
 
-# Access to an operator session, in this process or in one of its own.
-#
-# :class:`cnc.operate.operator_session.OperatorSession` operates the machine in the process that
-# makes it. :class:`cnc.operate.remote_session.RemoteSession` lets a process of its own do so.
-
 Offsets = dict[str, dict[str, float]]
 
 
@@ -95,54 +90,6 @@ class JogBegun(NamedTuple):
 
     id: int
     feed: float
-
-
-class SessionAccess(Protocol):
-    """What the users of a session need, wherever it is.
-
-    All properties are the last known ones. They cost the session nothing.
-    """
-
-    machine: Machine
-    history: list[str]
-
-    @property
-    def state(self) -> State:
-        """The state."""
-
-    @property
-    def dialog(self) -> Event | None:
-        """The open question to the operator."""
-
-    @property
-    def offsets(self) -> Offsets:
-        """Offsets by name and axis, mm; empty without a board."""
-
-    @property
-    def rotations(self) -> dict[str, float]:
-        """Rotations of the coordinate systems that are turned, degrees."""
-
-    @property
-    def limited_machine(self) -> Machine:
-        """The machine with the travel of the board, and the kind of the board."""
-
-    def listen(self, listener: Listener) -> Callable[[], None]:
-        """Call ``listener`` with each event; the result ends this."""
-
-    def ask(
-        self,
-        method: Callable[Concatenate[OperatorSession, P], T],
-        *args: P.args,
-        **kwargs: P.kwargs,
-    ) -> Future[T]:
-        """Call a method of the session.
-
-        Returns:
-            What the method returns or raises. An activity returns a future of its own.
-        """
-
-    def close(self) -> None:
-        """Come to rest, release the board, and end the session."""
 
 
 def begin_jog(

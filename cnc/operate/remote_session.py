@@ -385,6 +385,14 @@ class RemoteSession:
         self._events.emit(Alarm(finding=Finding.of(_lost().diagnostic)))
 
 
+SessionAccess = OperatorSession | RemoteSession
+"""A session in this process, or in one of its own.
+
+Its users take the state, the machine and the history, all of which cost the session nothing, and
+call its methods by ``ask``.
+"""
+
+
 class _Process:
     """One process, its pipe, and the two threads that use the pipe.
 

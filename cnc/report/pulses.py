@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,36 +9,10 @@ from cnc.machine.models import Machine
 from cnc.model.blocks import TipControl
 from cnc.model.streams import PulseChunk
 from cnc.planner.joints import Joints
-from cnc.report.targets import PULSE_SUFFIXES, NpzTarget, Output, TextTarget, Writer, suffix_of
+from cnc.report.targets import PULSE_SUFFIXES, NpzTarget, TextTarget, Writer, suffix_of
 
 VCD_PULSE_NS = 1000
 """Width of a pulse in a .vcd file in ns, where the step rate of the board permits it."""
-
-
-class PulseWriter(Output, Protocol):
-    """Writes grid moves."""
-
-    def write(self, chunk: PulseChunk) -> None:
-        """Append the rows of ``chunk``."""
-
-    def control_tip(self, block: TipControl) -> None:
-        """Begin or end tool-tip control, between two rows."""
-
-
-def pulse_writer(name: str, joints: Joints, origin_steps: NDArray[np.int64]) -> PulseWriter:
-    """Return a writer for the format that the suffix selects: .npz or .vcd (``-`` is vcd).
-
-    Args:
-        name: the file, or ``-`` for standard output.
-        joints: of the machine, with their names and steps per mm.
-        origin_steps: (joints,) position in steps at which the first pulse starts.
-
-    Raises:
-        UsageError: ``output-format`` for another suffix; ``can-not-write``.
-    """
-    if suffix_of("pulses", name, PULSE_SUFFIXES) == ".vcd":
-        return VcdPulses(name, joints.machine)
-    return NpzPulses(name, joints, origin_steps)
 
 
 class NpzPulses(Writer[NpzTarget]):
@@ -164,3 +136,23 @@ class VcdPulses(Writer[TextTarget]):
         if time != self._time_ns:
             out.append(f"#{time}\n")
             self._time_ns = time
+
+
+PulseWriter = NpzPulses | VcdPulses
+"""A writer of grid moves."""
+
+
+def pulse_writer(name: str, joints: Joints, origin_steps: NDArray[np.int64]) -> PulseWriter:
+    """Return a writer for the format that the suffix selects: .npz or .vcd (``-`` is vcd).
+
+    Args:
+        name: the file, or ``-`` for standard output.
+        joints: of the machine, with their names and steps per mm.
+        origin_steps: (joints,) position in steps at which the first pulse starts.
+
+    Raises:
+        UsageError: ``output-format`` for another suffix; ``can-not-write``.
+    """
+    if suffix_of("pulses", name, PULSE_SUFFIXES) == ".vcd":
+        return VcdPulses(name, joints.machine)
+    return NpzPulses(name, joints, origin_steps)

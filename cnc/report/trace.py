@@ -2,32 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
 from numpy.typing import NDArray
 
 from cnc.machine.models import Machine
 from cnc.model.streams import SampleChunk
-from cnc.report.targets import TRACE_SUFFIXES, NpzTarget, Output, TextTarget, Writer, suffix_of
-
-
-class TraceWriter(Output, Protocol):
-    """Writes samples."""
-
-    def write(self, chunk: SampleChunk) -> None:
-        """Append the rows of ``chunk``."""
-
-
-def trace_writer(name: str, machine: Machine) -> TraceWriter:
-    """Return a writer for the format that the suffix selects: .npz or .csv (``-`` is csv).
-
-    Raises:
-        UsageError: ``output-format`` for another suffix; ``can-not-write``.
-    """
-    if suffix_of("trace", name, TRACE_SUFFIXES) == ".csv":
-        return CsvTrace(name, machine)
-    return NpzTrace(name, machine)
+from cnc.report.targets import TRACE_SUFFIXES, NpzTarget, TextTarget, Writer, suffix_of
 
 
 class NpzTrace(Writer[NpzTarget]):
@@ -42,7 +22,7 @@ class NpzTrace(Writer[NpzTarget]):
         target = self._target
         for column in ("t", "s", "feed", "accel", "jerk"):
             target.append(column, np.empty(0))
-        self._tip = _tip_columns(machine)
+        self._tip = machine.tip_columns
         target.append("position", np.empty((0, len(machine.joint_tables))))
         if self._tip:
             target.append("tool", np.empty((0, self._tip)))
@@ -72,7 +52,7 @@ class CsvTrace(Writer[TextTarget]):
 
     def __init__(self, name: str, machine: Machine) -> None:
         super().__init__(TextTarget(name))
-        self._tip = _tip_columns(machine)
+        self._tip = machine.tip_columns
         names = ["t", *machine.joint_tables, "s", "feed", "accel", "jerk", "line"]
         names += [f"tool_{axis}" for axis in machine.axis_names[: self._tip]]
         self._target.write(",".join(names) + "\n")
@@ -93,9 +73,19 @@ class CsvTrace(Writer[TextTarget]):
         self._target.write("".join(",".join(map(repr, row)) + "\n" for row in rows))
 
 
-def _tip_columns(machine: Machine) -> int:
-    """Return the number of columns of the tool tip, which come first; 0 where it is the joints."""
-    return machine.tip_columns
+TraceWriter = NpzTrace | CsvTrace
+"""A writer of samples."""
+
+
+def trace_writer(name: str, machine: Machine) -> TraceWriter:
+    """Return a writer for the format that the suffix selects: .npz or .csv (``-`` is csv).
+
+    Raises:
+        UsageError: ``output-format`` for another suffix; ``can-not-write``.
+    """
+    if suffix_of("trace", name, TRACE_SUFFIXES) == ".csv":
+        return CsvTrace(name, machine)
+    return NpzTrace(name, machine)
 
 
 def sample_times(chunk: SampleChunk) -> NDArray[np.float64]:

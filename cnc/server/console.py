@@ -23,8 +23,9 @@ from cnc.machine.load import with_stock
 from cnc.model.diagnostics import CncError, Diagnostic, UsageError
 from cnc.operate.events import ConsoleLine, Event, Finding, JobEnded, Notice, as_object
 from cnc.operate.height_mapping import Grid, PointsAgain
-from cnc.operate.operator_session import OperatorSession, SessionAccess
+from cnc.operate.operator_session import OperatorSession
 from cnc.operate.program_runs import failed
+from cnc.operate.remote_session import SessionAccess
 from cnc.operate.state_view import refuse_turned, work_zero
 from cnc.server.checking import (
     Checker,

@@ -25,7 +25,6 @@ import logging
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -245,34 +244,7 @@ class Squared:
         return f"{letter}: {corrections} (limit {self.limit:g} mm); they are square now"
 
 
-class Mover(Protocol):
-    """What squaring needs of the homing of a machine."""
-
-    steps: NDArray[np.int64]
-
-    def motor_switches(self, cycle: AxisHoming) -> Sequence[bool]:
-        """Return whether the switch of each motor is closed."""
-
-    def coordinate(self, cycle: AxisHoming) -> float:
-        """Return the coordinate of the axis, mm."""
-
-    def go(
-        self,
-        cycle: AxisHoming,
-        distance: float,
-        feed: float,
-        until: bool | None = None,
-        motor: int | None = None,
-        *,
-        alone: bool = False,
-    ) -> bool:
-        """Move towards the switch; return whether it reached the state that ends the move."""
-
-    def failed(self, message: str, hint: str, code: str = "homing-switch") -> BoardError:
-        """Return an error."""
-
-
-def square(mover: Mover, cycle: AxisHoming, began: float) -> Squared | None:
+def square(mover: _Homing, cycle: AxisHoming, began: float) -> Squared | None:
     """Move each motor whose switch is open alone, until its switch closes.
 
     The common position of the motors stays that at the begin.
@@ -321,7 +293,7 @@ def square(mover: Mover, cycle: AxisHoming, began: float) -> Squared | None:
     return Squared(cycle.letter, skew, limit)
 
 
-def align(mover: Mover, cycle: AxisHoming) -> bool:
+def align(mover: _Homing, cycle: AxisHoming) -> bool:
     """Move each motor whose switch has an offset alone by this offset.
 
     Returns:
@@ -339,7 +311,7 @@ def align(mover: Mover, cycle: AxisHoming) -> bool:
 
 
 def _differ(
-    mover: Mover,
+    mover: _Homing,
     cycle: AxisHoming,
     began: float,
     one: tuple[int, float],

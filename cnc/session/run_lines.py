@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
@@ -68,20 +67,6 @@ POSITION_ROUNDING = 0.003
 END = End("", 0)
 
 
-class LineTranslator(Protocol):
-    """A translator of paths, such as :class:`cnc.grbl_lines.translator.Translator`."""
-
-    @property
-    def position(self) -> Mapping[str, float] | None:
-        """End point of the lines so far by axis, mm (machine coordinates); None if not known."""
-
-    def lines(self, item: PathChunk | Block) -> Iterator[GcodeLine]:
-        """Yield lines for the next item of the path, as far as they are final."""
-
-    def end(self) -> Iterator[GcodeLine]:
-        """Yield the remaining lines."""
-
-
 @dataclass(frozen=True, slots=True)
 class Step:
     """The lines of one item of a path.
@@ -101,7 +86,7 @@ class Step:
 
 def steps(
     path: Iterable[PathChunk | Block],
-    translator: LineTranslator,
+    translator: Translator,
     on_lines: Callable[[PackedLines], None] | None = None,
 ) -> Iterator[Step]:
     """Yield the steps of a path, each as soon as its lines are final.

@@ -3,27 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.model.blocks import Block
 from cnc.model.diagnostics import Diagnostic, UsageError
-from cnc.planner.plan import PlanChunk
 from cnc.report.result import Report
-from cnc.report.targets import BytesTarget, Output, TextTarget, Writer
+from cnc.report.targets import BytesTarget, TextTarget, Writer
 from cnc.view import page
 from cnc.view.collect import Collector
 
 SUFFIXES = (".html", ".png", ".svg", ".json")
-
-
-class PictureWriter(Output, Protocol):
-    """Draws a plan."""
-
-    def add(self, item: PlanChunk | Block) -> None:
-        """Add a part of the plan, or a block between the moves, in order."""
 
 
 def check_picture(name: str) -> None:
@@ -52,25 +43,6 @@ def check_picture(name: str) -> None:
                     hint=hint,
                 )
             ) from None
-
-
-def picture_writer(
-    name: str, report: Report, text: Path, start: NDArray[np.float64]
-) -> PictureWriter:
-    """Return a writer for the picture of a program.
-
-    Args:
-        name: the file; its suffix selects the format.
-        report: the result for the program, complete when the writer is closed.
-        text: the file with the text of the program.
-        start: (axes,) position at the start, mm.
-    """
-    suffix = Path(name).suffix.lower()
-    if suffix == ".html":
-        return PageWriter(name, report, text, start)
-    if suffix == ".json":
-        return DataWriter(name, report, start)
-    return FigureWriter(name, report, start)
 
 
 class PageWriter(Writer[TextTarget]):
@@ -124,3 +96,26 @@ class FigureWriter(Writer[BytesTarget]):
         kind: Literal["png", "svg"] = "svg" if self._target.name.lower().endswith(".svg") else "png"
         self._target.write(self._draw(self._collector.picture(), self._report, kind))
         super().close()
+
+
+PictureWriter = PageWriter | DataWriter | FigureWriter
+"""A writer of a picture: it takes the plan in order, item by item."""
+
+
+def picture_writer(
+    name: str, report: Report, text: Path, start: NDArray[np.float64]
+) -> PictureWriter:
+    """Return a writer for the picture of a program.
+
+    Args:
+        name: the file; its suffix selects the format.
+        report: the result for the program, complete when the writer is closed.
+        text: the file with the text of the program.
+        start: (axes,) position at the start, mm.
+    """
+    suffix = Path(name).suffix.lower()
+    if suffix == ".html":
+        return PageWriter(name, report, text, start)
+    if suffix == ".json":
+        return DataWriter(name, report, start)
+    return FigureWriter(name, report, start)
