@@ -8,7 +8,7 @@ import json
 import os
 import re
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future
 from dataclasses import asdict
 from pathlib import Path
@@ -420,15 +420,14 @@ MOST_LINES = 5000
 HISTORY_OF_JOB = 20
 
 
-def _job(library: Library, name: str) -> dict[str, Any]:
-    file = library.path(name)
-    status = file.stat()
-    runs = library.history(1, name)
+def _job(library: Library, name: str, last_run: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Return a job with the outcome of its last run."""
+    status = library.path(name).stat()
     return {
         "name": name,
         "size": status.st_size,
         "changed": status.st_mtime,
-        "outcome": runs[0]["outcome"] if runs else None,
+        "outcome": None if last_run is None else last_run["outcome"],
     }
 
 
@@ -440,21 +439,8 @@ def _not_found(what: str) -> HTTPException:
 def jobs(console: Shared) -> list[dict[str, Any]]:
     """Return the jobs of the library."""
     library = console.library
-    outcomes: dict[str, str] = {}
-    for run in library.history():
-        outcomes.setdefault(run["job"], run["outcome"])
-    found = []
-    for name in library.names():
-        status = (library.folder / name).stat()
-        found.append(
-            {
-                "name": name,
-                "size": status.st_size,
-                "changed": status.st_mtime,
-                "outcome": outcomes.get(name),
-            }
-        )
-    return found
+    last_runs = {run["job"]: run for run in reversed(library.history())}
+    return [_job(library, name, last_runs.get(name)) for name in library.names()]
 
 
 @router.get("/left-out")
@@ -509,19 +495,19 @@ async def upload(
     finally:
         Path(draft).unlink(missing_ok=True)
     console.jobs_changed()
-    return _job(library, name)
+    return _job(library, name, next(iter(library.history(1, name)), None))
 
 
 @router.get("/jobs/{name}")
 async def job(name: str, console: Shared) -> dict[str, Any]:
     """Return a job with its last check and its last runs."""
     library = console.library
-    found = _job(library, name)
+    history = library.history(HISTORY_OF_JOB, name)
     lines = await asyncio.to_thread(console.text, name)
-    return found | {
+    return _job(library, name, next(iter(history), None)) | {
         "lines": lines.total,
         "check": library.summary(name),
-        "history": library.history(HISTORY_OF_JOB, name),
+        "history": history,
     }
 
 
