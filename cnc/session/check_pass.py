@@ -5,13 +5,10 @@ The simulation of the cut reads the program once more.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Iterator
 
 from cnc.checks.hints import Hints
 from cnc.checks.travel import TravelCheck
-from cnc.gcode.reader.source_text import Text
-from cnc.machine.models import Stock
 from cnc.model.blocks import (
     ArcFeed,
     Block,
@@ -24,18 +21,12 @@ from cnc.model.blocks import (
 )
 from cnc.model.diagnostics import CncError
 from cnc.model.motion_commands import places_of
-from cnc.model.units import MM_PER_INCH
-from cnc.path.build import exact_path
 from cnc.path.chunk import PathChunk
 from cnc.report.blocks import BlockWriter
 from cnc.session.context import SessionContext, Stopwatch
 from cnc.session.kernel_needs import KernelNeeds
 from cnc.session.pipeline import program_path
-from cnc.session.program_reader import ProgramReader
 from cnc.session.required_capabilities import CapabilityCheck
-
-if TYPE_CHECKING:
-    from cnc.stock.simulation import StockSimulation, ToolShape
 
 MOST_FAULTS = 20
 """Limit on reported soft-limit faults. Further ones are counted."""
@@ -157,49 +148,3 @@ class CheckPass:
 
 
 # The simulation of the cut in a check: the program is read once more, and cuts the stock.
-
-
-def simulate(
-    reader: ProgramReader, stock: Stock, resolution: float | None = None
-) -> StockSimulation:
-    """Return the simulation of a program that has no faults.
-
-    Args:
-        reader: Reads the program.
-        stock: The raw part.
-        resolution: Width of a cell, mm; None for the default.
-    """
-    from cnc.stock.simulation import StockSimulation  # most machines have no stock
-
-    machine = reader.machine
-    simulation = StockSimulation(machine, stock, _shapes(reader), resolution)
-    blocks = reader.simulated_blocks()
-    for item in exact_path(blocks, axes=machine.axis_names, start=reader.start):
-        simulation.add(item)
-    return simulation
-
-
-def _shapes(reader: ProgramReader) -> Callable[[int], ToolShape]:
-    """Return a function that finds the shape of a tool by number.
-
-    The tool table comes first. A comment of the program gives what the table lacks.
-    """
-    from cnc.checks.tool_list import ToolList
-    from cnc.stock.simulation import tool_shape
-
-    table, listed = reader.saved.tools(), None
-
-    def shape(number: int) -> ToolShape:
-        nonlocal listed
-        entry = table.tool(number)
-        if entry is not None and entry.diameter > 0.0:
-            return tool_shape(2.0 * entry.radius, entry.comment)
-        if listed is None:
-            listed = ToolList.of(Text.of_file(reader.path, reader.name).all_lines())
-        tool = listed.tools.get(number)
-        if tool is None:
-            return tool_shape(0.0, "")
-        scale = MM_PER_INCH if listed.inches else 1.0
-        return tool_shape(listed.diameter(tool) or 0.0, tool.comment, scale=scale)
-
-    return shape

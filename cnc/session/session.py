@@ -33,9 +33,9 @@ from cnc.model.operator_control import Control, StoppedAtOnce
 from cnc.path.build import DueTimes
 from cnc.planner.plan import PlanChunk
 from cnc.report.blocks import BlockWriter
-from cnc.report.result import Cut, Extremes, Report
-from cnc.report.targets import BytesTarget, TextTarget
-from cnc.session.check_pass import CheckPass, simulate
+from cnc.report.result import Extremes, Report
+from cnc.report.targets import TextTarget
+from cnc.session.check_pass import CheckPass
 from cnc.session.checkpoint import Checkpoint, CheckpointWriter, file_hash
 from cnc.session.context import (
     Callbacks,
@@ -476,7 +476,7 @@ class Session:
         if not self._plans:
             return
         if board is None and reader.machine.stock is not None:
-            self._cut_stock(reader.machine.stock)
+            self._cut(reader.machine.stock)
         self._kernels.before_motion(board, reads_again=kept is None)
         self._confirm_restart()
         if lines is not None and homes:
@@ -533,20 +533,12 @@ class Session:
             self._warn([*check.hints.findings(), *unknown_codes(reader.path, report.program)])
         return check, kept
 
-    def _cut_stock(self, stock: Stock) -> None:
+    def _cut(self, stock: Stock) -> None:
         """Simulate the cut, report what it finds, and write the part if requested."""
-        context = self._context
-        self._kernels.before_simulation()
-        simulation = simulate(context.reader, stock, context.options.stock_resolution)
-        self._warn(simulation.findings())
-        material = simulation.material
-        self.report.cut = Cut(material.cell, material.removed_volume())
-        if (on_cut := context.observer.callbacks.on_cut) is not None:
-            on_cut(material)
-        if context.options.outputs.stl is not None:
-            from cnc.stock.stl import write_stl  # few programs write a part
+        from cnc.session.cut_pass import cut  # most machines have no stock
 
-            write_stl(material, context.files.opened(BytesTarget(context.options.outputs.stl)))
+        self._kernels.before_simulation()
+        cut(self._context, stock, self._warn)
 
     def _run_pass(
         self,
