@@ -49,7 +49,7 @@ def grid_of(area: Sequence[str], **options: Any) -> Grid:
         message = "the area needs X and Y, each from its lowest position"
         hint = "such as X0:100 Y0:60"
         raise UsageError(Diagnostic("usage", message, hint=hint))
-    grid = Grid(**ends, **options)
+    grid = Grid(x=ends["x"], y=ends["y"], **options)
     grid.check()
     return grid
 
