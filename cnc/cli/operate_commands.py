@@ -94,7 +94,7 @@ def jog(
     wanted = _words(distances, "X10")
     with _session(terminal, machine, board, port) as (session, signals):
         mm_s = None if feed is None else per_second(feed)
-        _wait(session, signals, session.jog_step(wanted, mm_s, unhomed=unhomed))
+        waited(session, signals, session.jog_step(wanted, mm_s, unhomed=unhomed))
         _show_position(session, terminal)
         return EXIT_STOPPED if signals.stopped else 0
 
@@ -112,7 +112,7 @@ def unlock(
     """
     with _session(terminal, machine, board, port) as (session, signals):
         locked = session.state.state == "alarm"
-        _wait(session, signals, session.unlock(at_switch=False))
+        waited(session, signals, session.unlock(at_switch=False))
         if not terminal.quiet:
             print("the board is unlocked" if locked else "the board was not locked")
         _show_position(session, terminal)
@@ -136,7 +136,7 @@ def zero(
     """
     values = _words(axes, "X", default=0.0)
     with _session(terminal, machine, board, port) as (session, signals):
-        offsets = _wait(session, signals, session.zero(values, system.upper(), half=half))
+        offsets = waited(session, signals, session.zero(values, system.upper(), half=half))
         if not terminal.quiet:
             place = offsets[system.upper()]
             print(system.upper(), *(f"{axis.upper()}{place[axis]:.3f}" for axis in place))
@@ -159,7 +159,7 @@ def mdi(
         for line in lines or (line.rstrip("\n") for line in sys.stdin):
             if not line.strip():
                 continue
-            ended = _wait(session, signals, session.mdi(line, trust_position=trust_position))
+            ended = waited(session, signals, session.mdi(line, trust_position=trust_position))
             _show_findings(ended)
             if ended.outcome != "done":
                 return EXIT_STOPPED if ended.outcome == "stopped" else ended.exit_code
@@ -205,7 +205,7 @@ def height_map(
     with _session(terminal, machine, board, port) as (session, signals):
         session.select_system(system.upper())
         try:
-            surface = _wait(
+            surface = waited(
                 session, signals, session.probe_grid(points, trust_position=trust_position)
             )
         except CncError:
@@ -238,6 +238,15 @@ def _session(
     """Provide a session with a connected board."""
     terminal.open_log(machine)
     load_library()
+    with connected(cnc.load_machine(machine), board, port) as session:
+        yield session
+
+
+@contextmanager
+def connected(
+    machine: Machine, board: str | None, port: str | None
+) -> Iterator[tuple[OperatorSession, Control]]:
+    """Provide a session of a machine with a connected board, and the control of its signals."""
     from cnc.operate import events, operator_session
 
     control = Control()
@@ -247,7 +256,7 @@ def _session(
             print(_diagnostic(event.finding).render(), file=sys.stderr)
 
     with (
-        operator_session.OperatorSession(cnc.load_machine(machine)) as session,
+        operator_session.OperatorSession(machine) as session,
         OperatorSignals(control) as signals,
     ):
         session.listen(show)
@@ -256,7 +265,7 @@ def _session(
         yield session, control
 
 
-def _wait(session: OperatorSession, control: Control, future: Future[T]) -> T:
+def waited(session: OperatorSession, control: Control, future: Future[T]) -> T:
     """Return the result; a signal stops the machine, and the wait goes on until it is at rest."""
     while True:
         try:
