@@ -16,6 +16,7 @@ from cyclopts.argument import ArgumentCollection
 import cnc
 from cnc import cli
 from cnc.cli.keyboard import Keyboard
+from cnc.cli.measuring import backlash, pitch, square
 from cnc.cli.messages import EXIT_PIPE, close_log, fail, internal_error, usage
 from cnc.cli.operate_commands import (
     TERMINAL,
@@ -121,6 +122,15 @@ app.command(unlock)
 app.command(zero)
 app.command(mdi)
 app.command(height_map)
+measure = Application(
+    name="measure",
+    help="Measure errors of the machine: guided, with a gauge; keys of the machine file from them.",
+    help_format="plaintext",
+)
+measure.command(backlash)
+measure.command(pitch)
+measure.command(square)
+app.command(measure)
 app.command(serve)
 COMMON, BOARD, CHECK, FIX = CommonOptions(), BoardOptions(), CheckOptions(), FixOptions()
 

@@ -76,9 +76,9 @@ def jog(
     """
     wanted = cli.operating.words(distances, "X10")
     terminal.open_log(machine)
-    with cli.operating.session(machine, board, port) as (session, signals):
+    with cli.operating.connected(cnc.load_machine(machine), board, port) as (session, signals):
         mm_s = None if feed is None else per_second(feed)
-        cli.operating.wait(session, signals, session.jog_step(wanted, mm_s, unhomed=unhomed))
+        cli.operating.waited(session, signals, session.jog_step(wanted, mm_s, unhomed=unhomed))
         cli.operating.show_position(session, quiet=terminal.quiet)
         return EXIT_STOPPED if signals.stopped else 0
 
@@ -95,9 +95,9 @@ def unlock(
     The machine is not homed.
     """
     terminal.open_log(machine)
-    with cli.operating.session(machine, board, port) as (session, signals):
+    with cli.operating.connected(cnc.load_machine(machine), board, port) as (session, signals):
         locked = session.state.state == "alarm"
-        cli.operating.wait(session, signals, session.unlock(at_switch=False))
+        cli.operating.waited(session, signals, session.unlock(at_switch=False))
         if not terminal.quiet:
             print("the board is unlocked" if locked else "the board was not locked")
         cli.operating.show_position(session, quiet=terminal.quiet)
@@ -121,8 +121,8 @@ def zero(
     """
     values = cli.operating.words(axes, "X", default=0.0)
     terminal.open_log(machine)
-    with cli.operating.session(machine, board, port) as (session, signals):
-        offsets = cli.operating.wait(
+    with cli.operating.connected(cnc.load_machine(machine), board, port) as (session, signals):
+        offsets = cli.operating.waited(
             session, signals, session.zero(values, system.upper(), half=half)
         )
         if not terminal.quiet:
@@ -144,11 +144,11 @@ def mdi(
     A line has the modes of the lines before it.
     """
     terminal.open_log(machine)
-    with cli.operating.session(machine, board, port) as (session, signals):
+    with cli.operating.connected(cnc.load_machine(machine), board, port) as (session, signals):
         for line in lines or (line.rstrip("\n") for line in sys.stdin):
             if not line.strip():
                 continue
-            ended = cli.operating.wait(
+            ended = cli.operating.waited(
                 session, signals, session.mdi(line, trust_position=trust_position)
             )
             cli.operating.show_findings(ended)
@@ -179,10 +179,10 @@ def height_map(
     chosen = asdict(grid)
     points = cli.operating.grid_of(area, zero=chosen.pop("set_zero"), **chosen)
     terminal.open_log(machine)
-    with cli.operating.session(machine, board, port) as (session, signals):
+    with cli.operating.connected(cnc.load_machine(machine), board, port) as (session, signals):
         session.select_system(system.upper())
         try:
-            surface = cli.operating.wait(
+            surface = cli.operating.waited(
                 session, signals, session.probe_grid(points, trust_position=trust_position)
             )
         except CncError:

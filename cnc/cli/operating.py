@@ -11,7 +11,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, TypeVar
 
-import cnc
 from cnc.boards import discovery, serial_port
 from cnc.boards.protocols import BoardSettings
 from cnc.boards.registry import board_factory, open_board
@@ -64,10 +63,10 @@ def write_map(surface: HeightMap, name: str, *, quiet: bool) -> None:
 
 
 @contextmanager
-def session(
-    machine: str | None, board: str | None, port: str | None
+def connected(
+    machine: Machine, board: str | None, port: str | None
 ) -> Iterator[tuple[OperatorSession, Control]]:
-    """Provide a session with a connected board."""
+    """Provide a session of a machine with a connected board, and the control of its signals."""
     control = Control()
 
     def show(event: Event) -> None:
@@ -75,7 +74,7 @@ def session(
             print(_diagnostic(event.finding).render(), file=sys.stderr)
 
     with (
-        OperatorSession(cnc.load_machine(machine)) as session,
+        OperatorSession(machine) as session,
         OperatorSignals(control) as signals,
     ):
         session.listen(show)
@@ -84,7 +83,7 @@ def session(
         yield session, control
 
 
-def wait(session: OperatorSession, control: Control, future: Future[T]) -> T:
+def waited(session: OperatorSession, control: Control, future: Future[T]) -> T:
     """Return the result; a signal stops the machine, and the wait goes on until it is at rest."""
     while True:
         try:

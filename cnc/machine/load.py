@@ -348,7 +348,15 @@ def load_machine(path: Path | str | None = None) -> Machine:
             message names file, key and line.
     """
     file = _resolve(path)
-    text = _read(file)
+    return machine_of_text(file, _read(file))
+
+
+def machine_of_text(file: Traversable, text: str) -> Machine:
+    """Return the machine that a file would describe with this text.
+
+    Raises:
+        MachineFileError: As :func:`load_machine`.
+    """
     try:
         tables = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

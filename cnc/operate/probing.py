@@ -4,6 +4,7 @@ A cycle is a file ``NAME.ngc`` of a subroutine folder, whose head describes it:
 
     ( Z by a plate: sets Z of the present coordinate system )
     ( #1 thickness = 10 : thickness of the plate, mm )
+    ( #2 side = 1 : side of the part; 1 = towards plus, -1 = towards minus )
     o<probe_z> sub
 
 The files of this package are in ``programs/probing``.
@@ -23,6 +24,7 @@ from cnc.model.diagnostics import Diagnostic, UsageError
 
 _TITLE = re.compile(r"\(\s*(.*?)\s*\)\s*")
 _PARAMETER = re.compile(r"\(\s*#(\d+)\s+(\w+)\s*=\s*([-+]?[0-9.]+)\s*:\s*(.*?)\s*\)\s*", re.ASCII)
+_CHOICE = re.compile(r"([-+]?[0-9.]+) = ([^,;]+)", re.ASCII)
 MOST_HEAD = 40
 """Lines in which the head of a file is searched."""
 
@@ -35,11 +37,13 @@ class Parameter:
         name: Its name.
         title: Its meaning and unit.
         default: Its value where none is given.
+        choices: Its only values and their meanings; none if it may have any value.
     """
 
     name: str
     title: str
     default: float
+    choices: tuple[tuple[float, str], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +98,12 @@ def mdi_line(name: str, values: Mapping[str, float], machine: Machine) -> str:
             message = f"the cycle {name} has no parameter {given}, or {value!r} is not a number"
             hint = f"its parameters are {', '.join(names) or 'none'}"
             raise UsageError(Diagnostic("cycle-parameter", message, hint=hint))
+        choices = dict(cycle.parameters[names.index(given)].choices)
+        if choices and value not in choices:
+            message = f"{given} of the cycle {name} is not {value:g}"
+            meanings = [f"{number:g} ({text})" for number, text in choices.items()]
+            hint = f"give {' or '.join(meanings)}"
+            raise UsageError(Diagnostic("cycle-parameter", message, hint=hint))
     arguments = (values.get(parameter.name, parameter.default) for parameter in cycle.parameters)
     return " ".join([f"o<{name}> call", *(f"[{value:.6f}]" for value in arguments)])
 
@@ -112,5 +122,7 @@ def _read(file: Path) -> Cycle | None:
     for line in head[1:]:
         if not (match := _PARAMETER.fullmatch(line)):
             break
-        parameters[int(match[1])] = Parameter(match[2], match[4], float(match[3]))
+        title_of, _, choices = match[4].partition("; ")
+        values = tuple((float(value), text.strip()) for value, text in _CHOICE.findall(choices))
+        parameters[int(match[1])] = Parameter(match[2], title_of, float(match[3]), values)
     return Cycle(file.stem, title[1], tuple(parameters[number] for number in sorted(parameters)))

@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cnc.planner.acceptance import exceeding_sections
+from cnc.planner.acceptance import accepted_plan, exceeding_sections
 from cnc.planner.kernels.arrays import PHASE, LimitArrays, Phases, phase_at
 from cnc.planner.kernels.intervals import SAMPLES, Intervals
 from cnc.planner.kernels.lookahead import PLANNED
@@ -283,6 +283,9 @@ HALVINGS = 5
 KEPT = 1.0 - 1e-6
 """A plan that needs no more than this part of its speed keeps the feeds."""
 
+POINTS = 4
+"""Points without acceleration from which a plan is tried that begins later."""
+
 SOON = 1.05
 """Part of the time of a ramp with constant bounds in which a plan rests soon. A ramp that takes
 longer is compared with another one.
@@ -476,6 +479,41 @@ def followed_to_rest(request: Request) -> SlowerPlan:
     rest = float(plan[count]["s"]) if count < len(plan) else request.goal
     slowing = replace(request.path.limits, slowing_from=float(plan["v"].max()) * (1.0 + MARGIN))
     return SlowerPlan(plan, count, rest, slowing)
+
+
+def planned_later(request: Request) -> SlowedPlan | None:
+    """Return the plan so far up to a point without acceleration, and a new plan from there.
+
+    That is in time where the plan so far keeps the feeds of the request up to that point: it may be
+    slow there, or no feed holds. None if no such point has a plan.
+    """
+    path, plan = request.path, request.plan
+    behind = path.intervals(path.limits, request.at, request.goal)
+    points, before = [], 0
+    while (point := steady_from(plan, before + 1)) < len(plan) and plan[point]["v"] > 0.0:
+        s = float(plan[point]["s"])
+        between_points = between(behind, float(plan[before]["s"]), s)
+        if s >= request.goal or (
+            len(between_points.end) and pace_wanted(plan[before:point], between_points) < KEPT
+        ):
+            break
+        points.append(point)
+        before = point
+    # A plan begins most easily where the motion is slow.
+    for point in sorted(points, key=lambda k: float(plan[k]["v"]))[:POINTS]:
+        s, v = float(plan[point]["s"]), float(plan[point]["v"])
+        status, phases, _ = accepted_plan(path, s, request.goal, v)
+        if status == PLANNED:
+            return SlowedPlan(
+                phases=np.concatenate((plan[:point], phases)),
+                goal=request.goal,
+                rests=request.rests,
+                known=behind,
+                lead=point,
+                slow_from=request.at,
+                limits=path.limits,
+            )
+    return None
 
 
 def rests_soon(request: Request) -> bool:

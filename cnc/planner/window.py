@@ -44,6 +44,7 @@ from cnc.planner.slowing import (
     Request,
     SlowedPlan,
     followed_to_rest,
+    planned_later,
     rests_soon,
     searched_soon,
     slowed,
@@ -403,7 +404,8 @@ class Window:
 
         A search finds a faster motion. But it may find none, or take long; then the clock of the
         plan so far is slowed, and it is planned anew from the first point without acceleration.
-        Where both would be late, but a rest is near, the motion rests for an instant.
+        Where both would be late, the motion is planned anew from a point up to which it keeps the
+        feeds; or, if a rest is near, it rests for an instant.
         """
         plan, (goal, rests) = self._plan, self._path.goal(self._at)
         request = Request(self._path, plan.phases, self._at, goal, rests, False)
@@ -419,6 +421,8 @@ class Window:
             sought = slowed(request)
             time = inf if sought is None else time_before(sought.phases, sought.slow_from)
         if (late := min(time, time_by_clock)) > LATEST * self._ramp():
+            if (later := planned_later(request)) is not None:
+                return self._adopt(later)
             rest = slowed(replace(request, stops=True))
             if rest is not None and time_before(rest.phases, inf) < late:
                 return self._adopt(rest)

@@ -257,3 +257,21 @@ def test_a_contact_that_does_not_come_is_an_error(session):
     ).result(PATIENCE)
     assert ended.outcome == "failed"
     assert session.offsets["G54"]["z"] == 0.0
+
+
+def test_a_parameter_with_choices_has_their_meanings_and_takes_no_other_value():
+    machine = with_folder(load_machine(None), shipped_cycles())
+    edge = {cycle.name: cycle for cycle in cycles(machine)}["probe_edge_x"]
+    side, distance, *_ = edge.parameters
+    assert (side.title, side.choices) == (
+        "side of the part", ((1.0, "towards plus X"), (-1.0, "towards minus X"))
+    )  # fmt: skip
+    assert distance.choices == ()
+    assert mdi_line("probe_edge_x", {"direction": -1.0}, machine).startswith(
+        "o<probe_edge_x> call [-1.000000] "
+    )
+    with pytest.raises(UsageError) as refused:
+        mdi_line("probe_edge_x", {"direction": 2.0}, machine)
+    finding = refused.value.diagnostic
+    assert finding.code == "cycle-parameter"
+    assert finding.hint == "give 1 (towards plus X) or -1 (towards minus X)"

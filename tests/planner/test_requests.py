@@ -30,6 +30,7 @@ from tests.support.planner.motions import lines, machine, path_of
 from tests.support.planner.requests import (
     FAMILIES,
     answered,
+    feeds_of,
     last_above,
     random_program,
     stop_time,
@@ -190,6 +191,24 @@ def test_a_hold_of_slow_motion_is_tried_again_after_a_slice(tmp_path):
                 control.hold()
                 requested, ramp = end, stop_time_of_joints(item, program.machine)
     assert end - requested <= SLICE + RAMPS_TO_REST * ramp
+
+
+def test_a_motion_that_keeps_the_new_feed_for_a_while_is_planned_from_there(tmp_path):
+    """A traverse has no feed, and ends slowly; the lines behind it are above the new feed."""
+    rng = np.random.default_rng([30112611, FAMILIES.index("five axes"), 7])
+    program = random_program("five axes", rng, tmp_path)
+    feeds = feeds_of(program)
+    control, above, requested = Control(), [], False
+    for plan in LookAhead(program.machine, control).plan(program.path):
+        if not isinstance(plan, PlanChunk):
+            continue
+        if requested:
+            above.append(last_above(plan, feeds, 0.9))
+        elif plan.t0 + plan.duration >= 1.29:
+            control.override(90.0)
+            requested = True
+    assert len(above) > 5
+    assert above == [None] * len(above)
 
 
 INSIDE = 0.95

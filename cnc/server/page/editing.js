@@ -160,7 +160,9 @@ async function read() {
 /** Show the findings of the text. A repair needs a saved file. */
 function list(findings) {
   const errors = findings.filter(({severity}) => severity === "error").length;
-  element("edit-state").textContent = `${errors} error${errors === 1 ? "" : "s"}, ${findings.length - errors} warnings and notes`;
+  const [first] = findings.filter(({severity}) => severity === "error" || !errors);
+  element("edit-state").textContent = `${errors} error${errors === 1 ? "" : "s"}, ${findings.length - errors} warnings and notes`
+    + (first ? `; line ${first.line}: ${visible(first.message)}` : "");
   showFindings(findings.map(finding => ({...finding, fix: null})), element("edit-name").value.trim(), goTo);
   draw();
 }

@@ -55,8 +55,11 @@ function card(cycle) {
   place.className = "card";
   form.className = "fields";
   title.textContent = cycle.title;
-  for (const {name, title: label, default: value} of cycle.parameters) {
-    const field = document.createElement("label"), input = Object.assign(document.createElement("input"), {type: "number", step: "any", name, value});
+  for (const {name, title: label, default: value, choices} of cycle.parameters) {
+    const field = document.createElement("label"), input = document.createElement(choices.length ? "select" : "input");
+    if (choices.length) input.append(...choices.map(([number, text]) => new Option(text, number)));
+    else Object.assign(input, {type: "number", step: "any"});
+    Object.assign(input, {name, value});
     field.append(`${label} `, input);
     form.append(field);
   }

@@ -64,9 +64,8 @@ async function showSettings() {
       written.textContent = done === null ? "refused" : "verified";
     });
     row.insertCell().textContent = `$${number}`;
-    row.insertCell().textContent = name;
+    row.insertCell().append(name, Object.assign(document.createElement("span"), {className: "small", textContent: ` ${unit}`}));
     row.insertCell().append(field);
-    row.insertCell().textContent = unit;
     implied.textContent = wanted ?? "";
     row.append(implied, written);
   }

@@ -97,6 +97,7 @@ def test_a_program_is_changed_with_findings_as_typed(desk):
     expect(state).to_have_text("0 errors, 0 warnings and notes")
     desk.keyboard.type("G1 X<b>5\n")
     expect(state).to_contain_text("1 error,")
+    expect(state).to_contain_text("; line 1: ")
     expect(desk.locator("#edit-signs .error")).to_contain_text("\u25b2     1")
     expect(desk.locator("#edit-marks mark.error")).to_have_count(1)
     expect(desk.locator("#edit-marks b")).to_have_count(0)

@@ -174,6 +174,16 @@ def last_above(plan: PlanChunk, feeds: dict[int, float], factor: float) -> float
     return plan.t0 + float(plan.phase_t[phase]) + float(t[phase, point])
 
 
+def feeds_of(program: Program) -> dict[int, float]:
+    """Return the largest feed of each line, mm/s; infinite for a traverse."""
+    feeds: dict[int, float] = {}
+    for item in program.path:
+        if isinstance(item, PathChunk):
+            for line, feed in zip(item.line.tolist(), item.feed.tolist(), strict=True):
+                feeds[line] = max(feeds.get(line, 0.0), math.inf if math.isnan(feed) else feed)
+    return feeds
+
+
 REQUESTS = (-1.0, 0.0, 0.0, 1.0, 10.0, 25.0, 50.0, 70.0, 90.0, 120.0, 200.0)
 """Per cent of the feeds; 0 for a hold, and -1 for a stop."""
 
@@ -192,11 +202,7 @@ def answered(
     Returns:
         None where the program has no motion, or rests at that moment.
     """
-    feeds: dict[int, float] = {}
-    for item in program.path:
-        if isinstance(item, PathChunk):
-            for line, feed in zip(item.line.tolist(), item.feed.tolist(), strict=True):
-                feeds[line] = max(feeds.get(line, 0.0), math.inf if math.isnan(feed) else feed)
+    feeds = feeds_of(program)
     first = float(rng.choice((100.0, 100.0, 30.0, 60.0)))
     plain = plans_of(program, first)
     if not plain:

@@ -1,0 +1,246 @@
+"""The commands ``cncrun measure``: guided measurements, and their keys in the machine file."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from datetime import date
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from cyclopts import Parameter
+
+import cnc
+from cnc import cli
+from cnc.cli.keyboard import Keyboard
+from cnc.cli.operate_commands import TERMINAL, PortOption
+from cnc.cli.options import BoardOption, MachineOption, TerminalOptions, option
+from cnc.model.diagnostics import Diagnostic, UsageError, printable
+from cnc.model.operator_control import Control
+
+if TYPE_CHECKING:
+    import cnc.cli.operating
+    from cnc.machine.compensation import ErrorPoint
+    from cnc.machine.models import Machine
+    from cnc.measure.procedures import Measured, Procedure, Scale
+
+AxisArgument = Annotated[str, Parameter(help="The axis, such as X.")]
+BAR = 24
+"""Columns of a bar on either side of 0."""
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class MeasureOptions:
+    """Options of all measurements."""
+
+    yes: Annotated[bool, option("Write the machine file without a question.")] = False
+    unhomed: Annotated[bool, option("Move although the machine is not homed.")] = False
+    feed: Annotated[
+        float | None, option("Speed, mm/min; by default the highest that stops within 0.2 s.")
+    ] = None
+    machine: MachineOption = None
+    board: BoardOption = None
+    port: PortOption = None
+    terminal: TerminalOptions = TERMINAL
+
+
+MEASURE = MeasureOptions()
+
+
+def backlash(
+    axis: AxisArgument,
+    /,
+    *,
+    reverse: Annotated[float, option("The way back, mm; more than the backlash.")] = 0.5,
+    repeats: Annotated[int, option("Reversals.")] = 3,
+    on_board: MeasureOptions = MEASURE,
+) -> int:
+    """Measure the play of a nut with a dial gauge, and write axes.x.backlash.
+
+    The axis moves back and forth; readings are typed. Begin where the axis has room downwards.
+    """
+    cli.load_library()
+    from cnc.measure import procedures
+
+    def begin(scales: Sequence[Scale]) -> Procedure:
+        return procedures.backlash(scales[0], reverse=reverse, repeats=repeats)
+
+    return _measure([axis], begin, on_board)
+
+
+def pitch(
+    axis: AxisArgument,
+    /,
+    *,
+    first: Annotated[float, option("The lowest place, mm.")],
+    last: Annotated[float, option("The highest place, mm.")],
+    places: Annotated[int, option("Number of places.")] = 11,
+    both: Annotated[bool, option("Come to each place from above too: the backlash there.")] = False,
+    on_board: MeasureOptions = MEASURE,
+) -> int:
+    """Measure the errors of a screw with a scale or blocks, and write axes.x.error_table.
+
+    The axis goes to places of the machine from below; true places are typed.
+    """
+    cli.load_library()
+    from cnc.measure import procedures
+
+    def begin(scales: Sequence[Scale]) -> Procedure:
+        return procedures.pitch(scales[0], first=first, last=last, places=places, both=both)
+
+    return _measure([axis], begin, on_board, needs_home=True)
+
+
+def square(
+    axes: Annotated[str, Parameter(help="The two axes, such as XY.")],
+    /,
+    *,
+    lengths: Annotated[
+        tuple[float, float], option("Ways along the two legs of the square, mm; with their signs.")
+    ],
+    plunger: Annotated[
+        Literal["plus", "minus"], option("Direction of the axis to which the plunger points.")
+    ] = "plus",
+    once: Annotated[bool, option("Do not turn the square over: its own error stays in.")] = False,
+    on_board: MeasureOptions = MEASURE,
+) -> int:
+    """Measure the angle between two axes with a square and a gauge, and write machine.squareness.
+
+    The gauge is on the spindle, the square on the table; readings are typed.
+    """
+    cli.load_library()
+    from cnc.measure import procedures
+
+    if axes.lower() not in ("xy", "xz", "yz"):
+        message = f"{printable(axes)} is no pair of axes"
+        raise UsageError(Diagnostic("measure-axis", message, hint="the pairs are XY, XZ, YZ"))
+
+    def begin(scales: Sequence[Scale]) -> Procedure:
+        return procedures.square(
+            (scales[0], scales[1]),
+            lengths=lengths,
+            points_to_plus=plunger == "plus",
+            turned=not once,
+        )
+
+    return _measure(list(axes), begin, on_board)
+
+
+def _measure(
+    axes: Sequence[str],
+    begin: Callable[[Sequence[Scale]], Procedure],
+    on: MeasureOptions,
+    *,
+    needs_home: bool = False,
+) -> int:
+    """Carry out a procedure, show its result, and write its keys."""
+    from cnc.model.units import per_second
+    from cnc.operate import measuring
+
+    on.terminal.open_log(on.machine)
+    given, letters = cnc.load_machine(on.machine), [axis.lower() for axis in axes]
+    plain = measuring.uncompensated(given, letters, square=len(letters) > 1)
+    feed = None if on.feed is None else per_second(on.feed)
+    with cli.operating.connected(plain, on.board, on.port) as (session, signals):
+
+        def move(way: dict[str, float]) -> None:
+            cli.operating.waited(session, signals, session.jog_step(way, feed, unhomed=on.unhomed))
+            if signals.stopped:
+                raise KeyboardInterrupt
+
+        for letter in letters if needs_home else ():
+            if not session.state.homed.get(letter, True):
+                message = f"{letter.upper()} is not homed: the table is for places of the machine"
+                raise UsageError(Diagnostic("measure-axis", message, hint="run cncrun home first"))
+        scales = [measuring.scale_of(session, letter) for letter in letters]
+        measured = measuring.carried_out(begin(scales), session, move, _read)
+    _show(measured)
+    _write(measured, given, yes=on.yes)
+    return 0
+
+
+def _read(text: str) -> float:
+    """Ask for a number until there is one. UsageError ``reading-missing`` at the end of input."""
+    *todo, what = text.split("\n")
+    for line in todo:
+        print(line, file=sys.stderr)
+    while True:
+        print(f"{what}: ", end="", file=sys.stderr, flush=True)
+        line = sys.stdin.readline()
+        if not line:
+            print(file=sys.stderr)
+            hint = "type the numbers, or give them on standard input, one a line"
+            raise UsageError(Diagnostic("reading-missing", f"no number for: {what}", hint=hint))
+        try:
+            number = float(line.strip().removesuffix("mm"))
+        except ValueError:
+            number = math.nan
+        if math.isfinite(number):
+            return number
+        print("  a number in mm is wanted, such as 0.043", file=sys.stderr)
+
+
+def _show(measured: Measured) -> None:
+    """Print the result and its picture."""
+    print(printable(measured.title))
+    print(printable(f"  {measured.remark}"))
+    largest = max((max(abs(row.before), abs(row.after)) for row in measured.rows), default=0.0)
+    width = max((len(row.name) for row in measured.rows), default=0)
+    print(f"  {'error, mm':{width}}  {'before':^{2 * BAR + 10}}{'after':^{2 * BAR + 10}}")
+    for row in measured.rows:
+        print(f"  {row.name:{width}}  {_bar(row.before, largest)}{_bar(row.after, largest)}")
+
+
+def _bar(value: float, largest: float) -> str:
+    """Return a number with a bar to the left or right of 0."""
+    length = round(BAR * abs(value) / largest) if largest else 0
+    left, right = ("#" * length, "") if value < 0.0 else ("", "#" * length)
+    return f"{value:+8.4f} {left:>{BAR}}|{right:{BAR}}"
+
+
+def _write(measured: Measured, machine: Machine, *, yes: bool) -> None:
+    """Show the change of the machine file, ask, and write it. Without a file, name the keys."""
+    from cnc.machine.load import shipped_machines
+    from cnc.measure import machine_file
+    from cnc.session.required_capabilities import takes_lines
+
+    name, file = machine.file, Path(machine.file)
+    keys = dict(measured.keys)
+    remark = f"measured {date.today().isoformat()}: {measured.remark}"
+    table = None
+    for path in keys:
+        if path[-1] == "error_table":
+            table = file.with_name(f"{file.stem}-{path[1]}-errors.csv")
+            keys[path] = table.name
+    steps = [f"{'.'.join(path)} = {value}" if value is not None else f"no {'.'.join(path)}"
+             for path, value in keys.items()]  # fmt: skip
+    if not name or not file.is_file() or name in map(str, shipped_machines().values()):
+        print("write into a machine file of your own:", *steps, sep="\n  ")
+        if table is not None:
+            print(f"and into {table.name}:", _csv(measured.table, remark), sep="\n")
+        return
+    if takes_lines(machine.board.kind):
+        print(f"nothing was written: the board {machine.board.kind} plans by itself, so errors of")
+        print("the machine are not compensated there. For a board that plays pulses it would be:")
+        print(*steps, sep="\n")
+        return
+    before = file.read_text(encoding="utf-8")
+    after = machine_file.changed_text(before, keys, remark)
+    if table is not None:
+        steps.append(f"{table} with {len(measured.table)} rows")
+    with Keyboard(Control()) as asked:
+        if not asked.confirm([f"change in {file}:", *steps], yes=yes):
+            print("nothing was written")
+            return
+    tables = {} if table is None else {table: _csv(measured.table, remark)}
+    machine_file.write(file, after, tables)
+    print(printable(f"written to {file}"), "home the machine before it runs again", sep="\n")
+
+
+def _csv(table: Sequence[ErrorPoint], remark: str) -> str:
+    """Return the text of an error table."""
+    rows = (f"{row.place:g},{row.forward:g},{row.reverse:g}" for row in table)
+    return "\n".join([f"# {remark}", "position,forward_error,reverse_error", *rows, ""])

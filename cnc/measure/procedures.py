@@ -1,0 +1,396 @@
+"""Guided measurements with a gauge: backlash, pitch of a screw, squareness.
+
+A procedure moves nothing and reads nothing itself. It is a generator that yields steps, and
+receives the reading that a step asks for:
+
+    procedure ──► GoTo("x", 12.5)           whoever drives it moves the axis
+              ──► Reading("the gauge, mm")  ◄── 0.043
+              ──► Measured                  by ``return``
+
+So the terminal, the console and a test drive the same procedure. Positions are those of the
+machine, in mm, in the plain scale of its motors: nothing is compensated on the axes measured.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Generator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from cnc.machine.compensation import ErrorPoint, TableError, screw, table_faults
+from cnc.model.diagnostics import Diagnostic, UsageError
+
+AGREE = 0.02
+"""mm; two readings at one place that differ by more are not those of one machine: a gauge shows
+0.01 mm."""
+LEAD = 1.0
+"""mm; an axis comes to a place from so far away, so that its nut lies against one flank."""
+MOST_PLACES = 1000
+"""Places of a table."""
+FINE = 1e-9
+"""mm; rounding of a position."""
+
+
+class GoTo(NamedTuple):
+    """A step: move an axis to a place.
+
+    Attributes:
+        axis: Its letter.
+        place: The place, mm.
+    """
+
+    axis: str
+    place: float
+
+
+class Reading(NamedTuple):
+    """A step: ask for a number, mm.
+
+    Attributes:
+        text: What to read; lines before the last one say what to do first.
+    """
+
+    text: str
+
+
+Step = GoTo | Reading
+Procedure = Generator[Step, float, "Measured"]
+
+
+class Row(NamedTuple):
+    """A line of the picture of a result.
+
+    Attributes:
+        name: The place, or what was measured.
+        before: Error without the keys, mm.
+        after: Error that is left with them, mm.
+    """
+
+    name: str
+    before: float
+    after: float
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """A result.
+
+    Attributes:
+        title: What was measured, and the value.
+        remark: How, in one line: it is written behind the keys.
+        rows: The picture.
+        keys: Values of the machine file by their path, such as ("axes", "x", "backlash"); None
+            for a key that goes.
+        table: Rows of the error table that a key names; none without such a key.
+    """
+
+    title: str
+    remark: str
+    rows: tuple[Row, ...]
+    keys: Mapping[tuple[str, ...], float | str | None]
+    table: tuple[ErrorPoint, ...] = field(default=())
+
+
+class Scale(NamedTuple):
+    """An axis that is measured.
+
+    Attributes:
+        letter: Its letter.
+        steps_per_mm: Steps of its motor, 1/mm.
+        place: Where it stands, mm.
+        travel: Its lowest and highest place, mm.
+    """
+
+    letter: str
+    steps_per_mm: float
+    place: float
+    travel: tuple[float, float]
+
+    def whole(self, distance: float) -> float:
+        """Return a distance in whole steps, mm."""
+        return round(distance * self.steps_per_mm) / self.steps_per_mm
+
+    def check(self, *places: float) -> None:
+        """Compare places with the travel. UsageError ``measure-travel``."""
+        low, high = self.travel
+        for place in places:
+            if not low - FINE <= place <= high + FINE:
+                name = self.letter.upper()
+                message = f"the measurement would move {name} to {place:.3f}, beyond its travel"
+                hint = f"begin where {name} has room: its travel is {low:g} to {high:g}"
+                raise UsageError(Diagnostic("measure-travel", message, hint=hint))
+
+
+def backlash(scale: Scale, *, reverse: float = 0.5, repeats: int = 3) -> Procedure:
+    """Measure the play of a nut with a gauge along the axis.
+
+    The axis comes from below and goes back. The gauge shows the way back less the play.
+
+    Args:
+        scale: The axis; it stands where the gauge has about half of its way left.
+        reverse: The way back, mm; more than the play.
+        repeats: Reversals.
+
+    Raises:
+        UsageError: ``measure-option``, ``measure-travel``, ``measure-readings``.
+    """
+    _check_count("the reversals", repeats, 1)
+    way = scale.whole(_checked("the way back", reverse))
+    top, below = scale.place, scale.place - way - LEAD
+    scale.check(top, below)
+    letter, name = scale.letter, scale.letter.upper()
+    yield GoTo(letter, below)
+    yield GoTo(letter, top)
+    up = first = yield Reading(
+        f"set a gauge along {name}, so that it follows {name} in both directions by {way:g} mm\n"
+        "the gauge"
+    )
+    plays = []
+    for number in range(1, repeats + 1):
+        yield GoTo(letter, top - way)
+        down = yield Reading(f"the gauge after reversal {number} of {repeats}")
+        plays.append(way - abs(up - down))
+        yield GoTo(letter, below)
+        yield GoTo(letter, top)
+        up = yield Reading("the gauge where it began")
+        if abs(up - first) > AGREE:
+            raise _disagree(
+                f"the gauge shows {up:g} where it showed {first:g}",
+                "fix the gauge and its stand, and measure again",
+            )
+    spread, play = max(plays) - min(plays), float(np.mean(plays))
+    step = 1.0 / scale.steps_per_mm
+    if spread > max(AGREE, step):
+        raise _disagree(
+            f"the reversals differ by {spread:.3f} mm: {_listed(plays)}",
+            "fix the gauge and its stand; an axis that differs by itself is loose or dirty",
+        )
+    if play < -max(AGREE, step):
+        raise _disagree(
+            f"the gauge moved {way - play:.3f} mm while {name} moved {way:g} mm",
+            f"let the gauge lie along {name}; is the scale of {name} (steps_per_mm) right?",
+        )
+    if play >= way - max(AGREE, step):
+        raise _disagree(
+            f"the gauge does not follow {name} back by {way:g} mm",
+            "measure again with a longer way back: --reverse 3",
+        )
+    key = ("axes", letter, "backlash")
+    remark = f"{repeats} reversals of {way:g} mm, {min(plays):.3f} to {max(plays):.3f} mm"
+    if play < 0.5 * step:
+        title = f"{name} has no backlash: {play:.3f} mm is less than half a step"
+        return Measured(title, remark, (Row("reversal", play, play),), {key: None})
+    value = round(play, 4)
+    rows = tuple(Row(f"reversal {k}", each, each - value) for k, each in enumerate(plays, 1))
+    return Measured(f"backlash of {name}: {value:g} mm", remark, rows, {key: value})
+
+
+def pitch(
+    scale: Scale, *, first: float, last: float, places: int = 11, both: bool = False
+) -> Procedure:
+    """Measure the errors of a screw with a scale along the axis.
+
+    Args:
+        scale: The axis.
+        first: The lowest place, mm.
+        last: The highest place, mm.
+        places: Number of the places, with first and last.
+        both: Whether the axis also comes from above, which measures the play at each place.
+
+    Raises:
+        UsageError: ``measure-option``, ``measure-travel``, ``measure-readings``.
+    """
+    _check_count("the places", places, 2)
+    if not last - first > LEAD:
+        message = f"the last place must be more than {LEAD:g} mm above the first one"
+        raise _option(message, "such as --first 0 --last 300")
+    letter, name = scale.letter, scale.letter.upper()
+    at = [scale.whole(float(place)) for place in np.linspace(first, last, places)]
+    if len(set(at)) < places:
+        raise _option(f"{places} places are closer than a step", "take fewer places")
+    _check_covered(scale, at)
+    turns = [at[0] - LEAD, *([at[-1] + LEAD] if both else [])]
+    scale.check(*turns, *at)
+    todo = (
+        f"let a scale, or a gauge on blocks of known length, show the true place of {name}\n"
+        f"(it may begin at any number, and must grow where {name} grows)\n"
+    )
+    yield GoTo(letter, turns[0])
+    up = []
+    for number, place in enumerate(at):
+        yield GoTo(letter, place)
+        up.append((yield Reading(f"{todo if not number else ''}the scale at {name}{place:g}")))
+    down = list(up)
+    if both:
+        yield GoTo(letter, turns[1])
+        for number in reversed(range(places)):
+            yield GoTo(letter, at[number])
+            down[number] = yield Reading(f"the scale at {name}{at[number]:g}, from above")
+    table = []
+    for place, low, high in zip(at, up, down, strict=True):
+        forward, back = (reading - up[0] - (place - at[0]) for reading in (low, high))
+        if forward - back > AGREE:
+            raise _disagree(
+                f"at {name}{place:g} the scale shows less from above ({high:g}) "
+                f"than from below ({low:g})",
+                f"does the scale grow where {name} grows, and is it fixed?",
+            )
+        table.append(ErrorPoint(place, round(forward, 4), round(max(forward, back), 4)))
+    for fault in table_faults(tuple(table)):
+        raise _disagree(fault, "measure again, with numbers in mm")
+    play = max(row.reverse - row.forward for row in table)
+    if play <= 0.5 / scale.steps_per_mm:
+        table = [ErrorPoint(row.place, row.forward, row.forward) for row in table]
+    keys: dict[tuple[str, ...], float | str | None] = {("axes", letter, "error_table"): ""}
+    if any(row.reverse > row.forward for row in table):
+        keys["axes", letter, "backlash"] = None
+    largest = max(max(abs(row.forward), abs(row.reverse)) for row in table)
+    low, high = scale.travel
+    beyond = [table[0]._replace(place=low)] if low < at[0] else []
+    behind = [table[-1]._replace(place=high)] if high > at[-1] else []
+    return Measured(
+        f"errors of {name}: up to {largest:.3f} mm",
+        f"{places} places from {at[0]:g} to {at[-1]:g} mm{', both directions' if both else ''}",
+        _pitch_rows(table, letter),
+        keys,
+        (*beyond, *table, *behind),
+    )
+
+
+def _check_covered(scale: Scale, at: Sequence[float]) -> None:
+    """Compare places with the travel: beyond them the error counts as that of the nearest one.
+
+    Raises:
+        UsageError: ``measure-option`` where the travel goes on for more than their distance.
+    """
+    low, high = scale.travel
+    if not math.isfinite(high - low):
+        message = f"the travel of {scale.letter.upper()} is not known, and a table is for all of it"
+        raise _option(message, f"write axes.{scale.letter}.travel = [lowest, highest]")
+    farthest = at[1] - at[0] + FINE
+    if at[0] - low > farthest or high - at[-1] > farthest:
+        name = scale.letter.upper()
+        message = f"the places leave out a part of the travel of {name}, {low:g} to {high:g}"
+        raise _option(
+            message, f"begin and end within {at[1] - at[0]:g} mm of its ends, or take fewer places"
+        )
+
+
+def _pitch_rows(table: Sequence[ErrorPoint], letter: str) -> tuple[Row, ...]:
+    """Return the errors before and after, from below and from above.
+
+    What is left between two places is the difference of the spline from a straight line.
+    """
+    try:
+        corrected = screw(tuple(table), None)
+    except TableError as error:
+        raise _disagree(str(error), "measure again") from None
+    at = np.array([row.place for row in table])
+    middle = np.sort(np.concatenate((at, 0.5 * (at[1:] + at[:-1]))))
+    rows = []
+    for side, column in ((1.0, "forward"), (-1.0, "reverse")):
+        errors = np.array([getattr(row, column) for row in table])
+        if side < 0.0 and not corrected.play:
+            break
+        motors = middle + corrected.correction(middle, side)
+        after = motors + np.interp(motors, at, errors) - middle
+        before = np.interp(middle, at, errors)
+        mark = "" if not corrected.play else " up" if side > 0.0 else " down"
+        rows += [
+            Row(f"{letter.upper()}{place:g}{mark}", float(b), float(a))
+            for place, b, a in zip(middle, before, after, strict=True)
+        ]
+    return tuple(rows)
+
+
+def square(
+    scales: tuple[Scale, Scale],
+    *,
+    lengths: tuple[float, float],
+    points_to_plus: bool = True,
+    turned: bool = True,
+) -> Procedure:
+    r"""Measure the angle between two axes with a gauge on the spindle and a square on the table.
+
+        second axis   |              The gauge shows by how much each leg of the square leans:
+              ^       | second leg   along the first axis r1, along the second r2, over lengths
+              |       |              L1, L2. The angle beyond 90 degrees is atan(r2/L2) +
+              └──►    └────────      atan(r1/L1), of readings that grow towards plus.
+             first     first leg
+
+    With the square turned over its own error has the other sign, so the mean is without it.
+
+    Args:
+        scales: The two axes. They stand where the gauge touches the first leg at its corner.
+        lengths: Ways along the legs, mm; negative where the leg goes towards minus.
+        points_to_plus: Whether the plunger points to plus of the axis across the leg. Then the
+            reading grows where the leg comes closer, which is towards minus.
+        turned: Whether the square is turned over and measured again.
+
+    Raises:
+        UsageError: ``measure-option``, ``measure-travel``.
+    """
+    sign = -1.0 if points_to_plus else 1.0
+    names = tuple(scale.letter.upper() for scale in scales)
+    for scale, length in zip(scales, lengths, strict=True):
+        if abs(_checked("a length", length, signed=True)) < 10.0:
+            raise _option("a leg is shorter than 10 mm", "move along at least 10 mm of it")
+        scale.check(scale.place, scale.place + length)
+    angles = []
+    for half in range(2 if turned else 1):
+        leans = []
+        for k, (scale, length) in enumerate(zip(scales, lengths, strict=True)):
+            across, side = names[1 - k], "plus" if points_to_plus else "minus"
+            what = (
+                "turn the square over, keep its first leg along" if half else "lay a square along"
+            )
+            place = f"{what} {names[0]} and its second leg along {names[1]}\n" if not k else ""
+            yield GoTo(scale.letter, scale.place)
+            before = yield Reading(
+                f"{place}let the gauge of the spindle touch the leg along {names[k]}, "
+                f"its plunger towards {side} {across}\nthe gauge at the begin of the leg"
+            )
+            yield GoTo(scale.letter, scale.place + length)
+            after = yield Reading(f"the gauge {abs(length):g} mm along the leg")
+            leans.append(math.atan(sign * (after - before) / length))
+            yield GoTo(scale.letter, scale.place)
+        angles.append(math.degrees(leans[0] + leans[1]))
+    angle = float(np.mean(angles))
+    pair = "".join(scale.letter for scale in scales)
+    own = f", the square's own error {0.5 * (angles[1] - angles[0]):+.4f} deg" if turned else ""
+    remark = f"legs of {abs(lengths[0]):g} and {abs(lengths[1]):g} mm{own}"
+    value = round(angle, 4)
+    row = Row(
+        f"over {abs(lengths[1]):g} mm",
+        math.radians(angle) * lengths[1],
+        math.radians(angle - value) * lengths[1],
+    )
+    title = f"angle between {names[0]} and {names[1]}: {90.0 + value:.4f} deg"
+    text = f"{value:.4f} deg" if value else None
+    return Measured(title, remark, (row,), {("machine", "squareness", pair): text})
+
+
+def _listed(values: Sequence[float]) -> str:
+    return ", ".join(f"{value:.3f}" for value in values)
+
+
+def _checked(what: str, value: float, *, signed: bool = False) -> float:
+    if not math.isfinite(value) or value == 0.0 or (value < 0.0 and not signed):
+        raise _option(f"{what} is {value:g} mm", "give a length in mm")
+    return value
+
+
+def _check_count(what: str, count: int, least: int) -> None:
+    if not least <= count <= MOST_PLACES:
+        raise _option(f"{what} are {count}", f"give a number from {least} to {MOST_PLACES}")
+
+
+def _option(message: str, hint: str) -> UsageError:
+    return UsageError(Diagnostic("measure-option", message, hint=hint))
+
+
+def _disagree(message: str, hint: str) -> UsageError:
+    return UsageError(Diagnostic("measure-readings", message, hint=hint))

@@ -1,0 +1,117 @@
+"""The commands cncrun measure: typed readings in, keys of the machine file out."""
+
+import io
+
+import pytest
+
+from cnc.machine.load import load_machine
+
+AXIS = """\
+[axes.{letter}]
+steps_per_mm = 400.0
+max_velocity = 50.0
+max_acceleration = 500.0
+max_jerk = 5000.0
+travel = [-300, 300]
+
+"""
+BACKLASH = "1.0\n0.55\n1.0\n0.551\nzero\n1.0\n0.549\n1.001\n"
+
+
+@pytest.fixture
+def mill(tmp_path):
+    file = tmp_path / "mill.toml"
+    tables = "".join(AXIS.format(letter=letter) for letter in "xyz")
+    file.write_text(f'[machine]\nname = "Mill"\n\n{tables}[board]\nkind = "loopback"\n')
+    return file
+
+
+@pytest.fixture
+def typed(monkeypatch):
+    return lambda text: monkeypatch.setattr("sys.stdin", io.StringIO(text))
+
+
+def test_backlash_is_measured_shown_and_written(cncrun, mill, typed):
+    before = mill.read_text()
+    typed(BACKLASH)
+    code, out, err = cncrun("measure", "backlash", "X", "--yes", "--machine", str(mill))
+    assert code == 0
+    assert "backlash of X: 0.05 mm\n" in out
+    assert "home the machine before it runs again" in out
+    assert "a number in mm is wanted" in err
+    assert load_machine(mill).axes["x"].backlash == pytest.approx(0.05)
+    changed = [line for line in mill.read_text().splitlines() if line not in before.splitlines()]
+    assert len(changed) == 1
+    assert changed[0].startswith("backlash = 0.05  # measured 20")
+    # Measured again, the old value does not hide the play.
+    typed(BACKLASH)
+    assert cncrun("measure", "backlash", "x", "--yes", "--machine", str(mill))[0] == 0
+    assert load_machine(mill).axes["x"].backlash == pytest.approx(0.05)
+
+
+def test_without_a_terminal_nothing_is_written_unasked(cncrun, mill, typed):
+    before = mill.read_text()
+    typed(BACKLASH)
+    code, out, err = cncrun("measure", "backlash", "X", "--machine", str(mill))
+    assert code == 2
+    assert "needs-yes" in err
+    assert "backlash of X: 0.05 mm\n" in out
+    assert mill.read_text() == before
+
+
+def test_errors_of_a_screw_become_a_table_beside_the_machine_file(cncrun, mill, typed):
+    typed("".join(f"{7.0 + 1.0002 * place}\n" for place in range(-240, 300, 60)))
+    options = ("--first", "-240", "--last", "240", "--places", "9", "--yes", "--machine", str(mill))
+    code, out, _ = cncrun("measure", "pitch", "Y", *options)
+    assert code == 0
+    assert "errors of Y: up to 0.096 mm" in out
+    table = load_machine(mill).axes["y"].error_table
+    assert [row.place for row in table] == [-300, *range(-240, 300, 60), 300]
+    assert [row.forward for row in table[1:-1]] == pytest.approx(
+        [0.012 * k for k in range(9)], abs=1e-4
+    )
+    assert sorted(file.name for file in mill.parent.iterdir()) == ["mill-y-errors.csv", "mill.toml"]
+
+
+def test_the_angle_of_two_axes_is_written_with_its_unit(cncrun, mill, typed):
+    """The legs lean by 0.1 mm over 100 mm against Y; the plunger points away from it."""
+    typed("5\n5\n3\n2.9\n" * 2)
+    options = ("--lengths", "100", "100", "--yes", "--machine", str(mill))
+    code, out, _ = cncrun("measure", "square", "XY", *options)
+    assert (code, "angle between X and Y: 90.0573 deg\n" in out) == (0, True)
+    assert load_machine(mill).squareness.xy == "0.0573 deg"
+
+
+def test_a_shipped_machine_is_not_changed(cncrun, typed):
+    typed(BACKLASH)
+    code, out, _ = cncrun("measure", "backlash", "X", "--yes", "--unhomed")
+    assert code == 0
+    assert "write into a machine file of your own:\n  axes.x.backlash = 0.05\n" in out
+
+
+def test_a_board_that_plans_by_itself_gets_no_keys(cncrun, mill, typed):
+    mill.write_text(mill.read_text().replace("loopback", "grbl"))
+    before = mill.read_text()
+    typed(BACKLASH)
+    options = ("--yes", "--unhomed", "--board", "loopback", "--machine", str(mill))
+    code, out, _ = cncrun("measure", "backlash", "X", *options)
+    assert code == 0
+    assert "nothing was written: the board grbl plans by itself" in out
+    assert mill.read_text() == before
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        (("backlash", "Q"), "measure-axis"),
+        (("square", "XX", "--lengths", "50", "50"), "measure-axis"),
+        (("pitch", "X", "--first", "0", "--last", "100"), "measure-option"),
+        (("backlash", "X", "--reverse", "nan"), "measure-option"),
+        (("backlash", "X"), "reading-missing"),
+    ],
+)
+def test_what_cannot_be_measured_is_refused(cncrun, mill, typed, words, code):
+    typed("")
+    exit_code, _, err = cncrun("measure", *words, "--machine", str(mill))
+    assert exit_code == 2
+    assert f"{code}: " in err
