@@ -41,7 +41,7 @@ def uncompensated(machine: Machine, letters: Iterable[str], *, square: bool = Fa
 
 def scale_of(session: OperatorSession, letter: str) -> Scale:
     """Return an axis of a connected machine, where it stands now."""
-    axis, homed = session.machine.axes[letter], session.state.homed.get(letter, True)
+    axis, homed = session.machine.joint_tables[letter], session.state.homed.get(letter, True)
     travel = (axis.travel if homed else None) or (-math.inf, math.inf)
     return Scale(letter, axis.steps_per_mm, session.state.machine[letter], travel)
 
@@ -58,7 +58,7 @@ def carried_out(procedure: Procedure, session: OperatorSession, move: Move, read
         while True:
             if isinstance(step, GoTo):
                 way = step.place - session.state.machine[step.axis]
-                if abs(way) > 0.5 / session.machine.axes[step.axis].steps_per_mm:
+                if abs(way) > 0.5 / session.machine.joint_tables[step.axis].steps_per_mm:
                     move({step.axis: way})
             else:
                 answer = read(step.text)
