@@ -652,28 +652,22 @@ class MoveFeeds(AxisWords):
     def spindle_rpm(self, end: list[float], at: Word) -> float:
         """Return the revolutions per minute of a move; under G96 at the largest radius."""
         state = self._state
-        if state.spindle == "off" or not state.speed:
-            raise fault(
-                "spindle-stopped",
-                f"{at.written} needs the spindle, which does not turn",
-                at,
-                "give S and M3 before",
-            )
+        speed = self.context.spindle_speed(at.written, at)
         if not state.constant_surface:
-            return state.speed
+            return speed
         radius = max(self._radius(self.position), self._radius(end))
         if radius > 0.0:
             self._surface_radius = radius
         elif self._surface_radius and not state.most_rpm:
             radius = self._surface_radius
-            rpm = surface_rpm(state.speed, 0.0, radius)
+            rpm = surface_rpm(speed, 0.0, radius)
             message = (
                 f"{at.written} on the axis under G96 without a limit: the spindle has its highest "
                 f"speed, which is not known; the feed is that of {rpm:.0f} rpm, as at X before"
             )
             hint = "limit the speed, such as G50 S2000"
             self._here.report_warning("spindle-speed-assumed", message, at, hint)
-        rpm = surface_rpm(state.speed, state.most_rpm, radius)
+        rpm = surface_rpm(speed, state.most_rpm, radius)
         if math.isinf(rpm):
             raise fault(
                 "spindle-speed-unlimited",

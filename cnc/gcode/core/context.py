@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 from cnc.gcode.core.block_buffer import BlockBuffer, SourceLocation, UnusedWords
@@ -9,6 +11,8 @@ from cnc.gcode.core.coordinates import Coordinates
 from cnc.gcode.core.modal_groups import ModalState, ReadingPolicy
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.reader.parameters import Parameters
+from cnc.gcode.reader.words import Word, fault
+from cnc.model.blocks import Overrides, PathMode
 
 
 @dataclass(slots=True)
@@ -34,6 +38,51 @@ class Context:
     parameters: Parameters
     coordinates: Coordinates
     unused_words: UnusedWords
+
+    @contextmanager
+    def exact_path(self) -> Iterator[None]:
+        """Suspend G64: holes and threads need the exact path."""
+        file, line, state = self.here.file, self.here.line, self.state
+        blending = state.path == "blend"
+        if blending:
+            self.out.add(PathMode(file, line, "exact-path"))
+        yield
+        if blending:
+            self.out.add(PathMode(file, line, "blend", state.tolerance))
+
+    def add_overrides(self, *, feed: bool = True, spindle: bool = True) -> None:
+        """Add the overrides that the program allows, without those that a cycle disables."""
+        state = self.state
+        self.out.add(
+            Overrides(
+                self.here.file,
+                self.here.line,
+                state.feed_override and feed,
+                state.speed_override and spindle,
+                state.adaptive_feed,
+                state.feed_stop,
+            )
+        )
+
+    def spindle_speed(
+        self, name: str, at: Word, *, use: str = "needs", start: str = "S and M3"
+    ) -> float:
+        """Return the speed of the spindle, which must turn: rpm, or mm/s under G96.
+
+        Args:
+            name: The code, for messages.
+            at: Word at which errors are reported.
+            use: What the code does with the spindle.
+            start: The words that start the spindle.
+
+        Raises:
+            GcodeError: ``spindle-stopped``.
+        """
+        state = self.state
+        if state.spindle == "off" or not state.speed:
+            message = f"{name} {use} the spindle, which does not turn"
+            raise fault("spindle-stopped", message, at, f"give {start} before")
+        return state.speed
 
 
 class Executor:

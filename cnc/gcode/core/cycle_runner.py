@@ -14,7 +14,7 @@ import numpy as np
 
 from cnc.compiled.jit import interpreted
 from cnc.gcode.core.axis_words import PolarMode, stepped
-from cnc.gcode.core.modal_groups import ModalState
+from cnc.gcode.core.modal_groups import ModalState, Turning
 from cnc.gcode.core.motion import Motion, MotionCodes
 from cnc.gcode.core.tip_control import refuse_under_tip_control
 from cnc.gcode.kernels import cycles as kernel
@@ -26,8 +26,6 @@ from cnc.model.blocks import (
     Block,
     Dwell,
     Orient,
-    Overrides,
-    PathMode,
     Plane,
     Spindle,
     SpindleSync,
@@ -42,7 +40,6 @@ from cnc.model.blocks import (
 # cycles do not depend on offsets, rotation and tool length.
 
 Point = tuple[float, float, float]
-Turning = Literal["cw", "ccw"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,19 +238,18 @@ class CycleRunner(MotionCodes):
 
     def perform(self, steps: Iterable[Step], plane: CyclePlane) -> None:
         """Execute steps in order. The position is the end of the last one."""
-        motion, out, file, line = self._motion, self._out, self._here.file, self._here.line
-        blending = self._state.path == "blend"
-        if blending:
-            out.add(PathMode(file, line, "exact-path"))
-        for step in steps:
-            if isinstance(step, Rapid):
-                motion.traverse(plane.place(step.to))
-            elif isinstance(step, Cut):
-                motion.feed_to(plane.place(step.to), step.feed)
-            else:
-                out.add(self._block(step))
-        if blending:
-            out.add(PathMode(file, line, "blend", self._state.tolerance))
+        motion, context = self._motion, self.context
+        with context.exact_path():
+            for step in steps:
+                match step:
+                    case Rapid(to):
+                        motion.traverse(plane.place(to))
+                    case Cut(to, feed):
+                        motion.feed_to(plane.place(to), feed)
+                    case SetOverrides(overrides, spindle):
+                        context.add_overrides(feed=overrides, spindle=overrides or not spindle)
+                    case _:
+                        self._out.add(self._block(step))
 
     def _block(self, step: Step) -> Block:
         """The block of a step that is not a move."""
@@ -267,8 +263,6 @@ class CycleRunner(MotionCodes):
                 return Orient(file, line, 0.0)
             case OperatorStop():
                 return Stop(file, line)
-            case SetOverrides():
-                return self._overrides(step)
             case Synchronise(pitch):
                 return SpindleSync(file, line, pitch)
         raise AssertionError(step)
@@ -282,16 +276,6 @@ class CycleRunner(MotionCodes):
         if state.constant_surface:
             return Spindle(file, line, turn.state, state.most_rpm, speed)
         return Spindle(file, line, turn.state, speed * turn.times)
-
-    def _overrides(self, step: SetOverrides) -> Overrides:
-        """The overrides that the program allows, without those that the step disables."""
-        state = self._state
-        feed, spindle = state.feed_override, state.speed_override
-        if not step.overrides:
-            feed, spindle = False, spindle and not step.spindle
-        return Overrides(
-            self._here.file, self._here.line, feed, spindle, state.adaptive_feed, state.feed_stop
-        )
 
 
 # Places of the holes of one line: repeats of a step, or steps around a pole.

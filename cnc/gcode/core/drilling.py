@@ -25,7 +25,6 @@ from cnc.gcode.core.context import Context
 from cnc.gcode.core.cycle_runner import (
     CyclePlane,
     CycleRunner,
-    Turning,
     holes_in_polar_mode,
     holes_on_circle,
     holes_on_line,
@@ -34,7 +33,7 @@ from cnc.gcode.core.cycle_runner import (
     steps,
 )
 from cnc.gcode.core.machine_codes import Dwells
-from cnc.gcode.core.modal_groups import Code, ModalState
+from cnc.gcode.core.modal_groups import Code, ModalState, Turning
 from cnc.gcode.core.motion import Motion, MotionCodes
 from cnc.gcode.kernels import cycles as kernel
 from cnc.gcode.kernels.cycles import Hole, HoleSettings
@@ -229,7 +228,7 @@ class DrillingCycles(MotionCodes):
             self._refuse_place(plane, given, name, at)
             return
         turned = {column: given[column] for column in motion.rotary_columns if column in given}
-        turning: Turning = "ccw" if state.spindle == "ccw" else "cw"
+        turning = state.turning
         if not turned:
             self._performer.perform(steps(cycle, plane.start, holes, settings, turning), plane)
             return
@@ -393,9 +392,7 @@ class DrillingCycles(MotionCodes):
             state.spindle = needed
             self._performer.start_spindle()
         start = "S and M4" if needed == "ccw" else "S and M3"
-        if state.spindle == "off" or not state.speed:
-            message = f"{name} needs the spindle, which does not turn"
-            raise fault("spindle-stopped", message, at, f"give {start} before")
+        self.context.spindle_speed(name, at, start=start)
         if needed and state.spindle != needed:
             direction = "anticlockwise" if needed == "ccw" else "clockwise"
             hand = "left" if needed == "ccw" else "right"

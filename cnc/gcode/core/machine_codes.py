@@ -22,7 +22,6 @@ from cnc.model.blocks import (
     Dwell,
     End,
     Orient,
-    Overrides,
     PathControl,
     PathMode,
     Spindle,
@@ -287,20 +286,7 @@ class MachineCodes(Executor):
             word = words.take("P", code.word.written)
             on = word is None or not_negative(word, "the switch") != 0.0
             setattr(state, _OVERRIDE_SWITCHES[code.number], on)
-        self._overrides()
-
-    def _overrides(self) -> None:
-        state, here = self._state, self._here
-        self._out.add(
-            Overrides(
-                here.file,
-                here.line,
-                state.feed_override,
-                state.speed_override,
-                state.adaptive_feed,
-                state.feed_stop,
-            )
-        )
+        self.context.add_overrides()
 
     # Path control
 
@@ -360,7 +346,10 @@ class MachineCodes(Executor):
         reports: tuple[tuple[tuple[str, ...], Any], ...] = (
             (("spindle", "speed", "constant_surface", "most_rpm"), self._spindle),
             (("mist", "flood"), self._coolant),
-            (("feed_override", "speed_override", "adaptive_feed", "feed_stop"), self._overrides),
+            (
+                ("feed_override", "speed_override", "adaptive_feed", "feed_stop"),
+                self.context.add_overrides,
+            ),
             (("path", "tolerance"), self._path),
         )
         for names, report in reports:

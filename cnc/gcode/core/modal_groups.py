@@ -80,6 +80,7 @@ GROUP_OF_M = {code: group for group, codes in _M_GROUPS.items() for code in code
 
 PLAIN_MOTIONS = (G.G0, G.G1, G.G2, G.G3)
 """Motion codes of straight moves and arcs."""
+Turning = Literal["cw", "ccw"]
 SPINDLE_STATES: tuple[Literal["off", "cw", "ccw"], ...] = ("off", "cw", "ccw")
 """States of the spindle by their number in :mod:`cnc.gcode.kernels.rules`."""
 PLANES: dict[G, Plane] = {G.G17: "XY", G.G18: "ZX", G.G19: "YZ"}
@@ -269,6 +270,11 @@ class ModalState:
     speed_override: bool = True
     adaptive_feed: bool = False
     feed_stop: bool = True
+
+    @property
+    def turning(self) -> Turning:
+        """Direction of the spindle; that of M3 if it is off."""
+        return "ccw" if self.spindle == "ccw" else "cw"
 
     def x_factor(self, *, absolute: bool) -> float:
         """Return the length of a unit of X, which is a diameter or a radius."""

@@ -45,25 +45,26 @@ _ZERO, _NINE, _DOT, _BLANK, _SEMICOLON, _LESS = 48, 57, 46, 32, 59, 60
 class Tables(NamedTuple):
     """The tables of a grammar; n states of the lexers, s of the parser, t terminals, r rules.
 
-    NONE stands for no state and no terminal.
+    A *row* says how the parser goes on after a terminal or a rule: which state it has, and what it
+    does, by the next terminal. NONE stands for no state and no terminal.
 
     Attributes:
         moves: (n, 129) the next state of the lexers by character.
         final: (n,) 1 if no longer token can follow.
-        start: (s,) state of the lexers at the begin of a token, by state of the parser.
+        start: (rows,) state of the lexers at the begin of the next token.
         token: (n,) the terminal that a state accepts.
         spelling: (n,) index of the text of a keyword, -1 for another terminal.
-        action: (s, t + 1) next state + 1, -rule - 1, or 0 for an error; the last column is the end.
-        pair: (s, nonterminals) row of ``after``.
-        after: (pairs, t + 1) state after a rule, by the next terminal.
-        act_after: (pairs, t + 1) its action.
+        reached: (rows,) state of the parser before the next terminal is seen.
+        pair: (s, nonterminals) row after a rule.
+        after: (rows, t + 1) state of the parser, by the next terminal; the last column is the end.
+        action: (rows, t + 1) next row + 1, -rule - 1, or 0 for an error.
         length: (r,) number of symbols of a rule.
         left: (r,) its nonterminal.
         kind: (r,) its kind.
         kept: (t,) 1 for a terminal that has an event.
         ignored: (t,) whether it may stand anywhere and means nothing.
         number: (t,) whether it is a number without a sign.
-        ends: first and last state of the parser.
+        ends: the first row, and the last state of the parser.
     """
 
     moves: States
@@ -71,10 +72,10 @@ class Tables(NamedTuple):
     start: States
     token: States
     spelling: Small
-    action: Small
+    reached: States
     pair: States
     after: States
-    act_after: Small
+    action: Small
     length: Ints
     left: States
     kind: Bytes
@@ -198,7 +199,7 @@ def read(
         The number of events.
     """
     moves, final, start, token_of = tables.moves, tables.final, tables.start, tables.token
-    action, pair, after, act_after = tables.action, tables.pair, tables.after, tables.act_after
+    action, pair, after = tables.action, tables.pair, tables.after
     # Blanks between tokens are passed where they end a token, too.
     gaps = False
     for k in range(len(tables.ignored)):
@@ -216,8 +217,8 @@ def read(
             continue
         top = nodes = 0
         last = at
-        state = tables.ends[0]
-        states[0] = state
+        row = tables.ends[0]
+        state = tables.reached[row]
         # Blanks behind a semicolon count: LinuxCNC takes it for a comment, even in a name.
         loose = False
         while True:
@@ -227,7 +228,7 @@ def read(
                 at += 1
             token, end, value = end_token, at, 0.0
             if at < stop:
-                here, place, blocked = start[state], at, False
+                here, place, blocked = start[row], at, False
                 while place < stop:
                     column = classes[data[place]]
                     if column >= SKIPPED:
@@ -246,9 +247,10 @@ def read(
                         break
                 if token_of[here] == NONE or blocked:
                     # The text goes on after its longest token, or a blank may belong to a name.
-                    end, here = _longest_token(data, at, stop, start[state], tables, classes, loose)
+                    end, here = _longest_token(data, at, stop, start[row], tables, classes, loose)
                 token = int(token_of[here])
                 if token == NONE:
+                    state = tables.reached[row]
                     break
                 if tables.ignored[token]:
                     at = end
@@ -257,7 +259,8 @@ def read(
                     value = _number(data, at, end)
                 else:
                     value = float(tables.spelling[here])
-            act = action[state, token]
+            states[top] = state = after[row, token]
+            act = action[row, token]
             while act < 0 and count < most:
                 rule = -act - 1
                 top += 1 - tables.length[rule]
@@ -272,12 +275,12 @@ def read(
                     nodes = before[top] + 1
                 row = pair[states[top - 1], tables.left[rule]]
                 states[top] = state = after[row, token]
-                act = act_after[row, token]
+                act = action[row, token]
             if act <= 0 or token == end_token or count == most:
                 break
-            state = act - 1
+            row = act - 1
             top += 1
-            states[top], firsts[top], before[top], last = state, at, nodes, end
+            firsts[top], before[top], last = at, nodes, end
             kind[count], value_of[count] = token + 1, value
             begin_of[count], end_of[count] = at, end
             count += tables.kept[token]

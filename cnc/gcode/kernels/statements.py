@@ -340,16 +340,16 @@ def _run_lengths(flags: Counts, count: int) -> None:
 def _word_of(events: Events, e: int, b: int, meaning: Meaning) -> tuple[int, float]:
     """Return the number of events of the word at event ``e``, and its number; 0 for another part.
 
-    Only a word with a written number counts.
+    Only a word with a written number counts. One in brackets ends before its word.
     """
-    kind = events.kind
+    kind, end = events.kind, events.end
     if e + 2 < b and kind[e] == meaning.letter:
         after = int(kind[e + 2])
         if kind[e + 1] == meaning.number and after < 0 and meaning.rule[-after - 1] == WORD:
-            return 3, events.value[e + 1]
+            return (3, events.value[e + 1]) if end[e + 1] == end[e + 2] else (0, 0.0)
         if e + 4 < b and after == meaning.number:
             last = int(kind[e + 4])
-            if last < 0 and meaning.rule[-last - 1] == WORD:
+            if last < 0 and meaning.rule[-last - 1] == WORD and end[e + 2] == end[e + 4]:
                 minus = meaning.text[int(events.value[e + 1])] == SUBTRACT
                 return 5, -events.value[e + 2] if minus else events.value[e + 2]
     return 0, 0.0

@@ -3,9 +3,9 @@
 Lark makes the LALR table of a grammar, and interegular the finite automaton of each terminal. Their
 product is one automaton over bytes. The tables are kept as a file: making them takes a second.
 
-Rules that make no node are folded into the table of successors: those whose name begins with
-``_``, and those with ``?`` and a single symbol. A grammar with a conflict, or with two terminals
-for one text at one place, is an error.
+A rule of a single symbol that makes no node is folded into the rows of that symbol: one whose name
+begins with ``_``, or one with ``?``. A grammar with a conflict, or with two terminals for one text
+at one place, is an error.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 NAMES = ("ngc", "macro", "sinumerik", "klartext")
 """Names of the grammars."""
 _DIGEST = 32
-_FORMAT = 8
+_FORMAT = 9
 """Version of the tables' form."""
 _MOST_TEXTS = 64
 """A terminal with up to so many texts is a list of keywords: each text has a number of its own."""
@@ -204,6 +204,16 @@ def make(file: Traversable, folder: Traversable) -> Grammar:
     return _Maker(parser, file.name).grammar()
 
 
+class _Rows(NamedTuple):
+    """The first row, and tables of rows: see :class:`cnc.gcode.kernels.automaton.Tables`."""
+
+    first: int
+    reached: NDArray[np.uint16]
+    pair: NDArray[np.uint16]
+    after: NDArray[np.uint16]
+    action: NDArray[np.int16]
+
+
 class _Maker:
     """Makes the tables of one grammar."""
 
@@ -256,28 +266,27 @@ class _Maker:
         spelling = [
             accepted.get(chosen, -1) for accepted, chosen in zip(accepts, token, strict=True)
         ]
-        pairs, after = self._successors(action, goto)
+        rows = self._rows_of(action, goto)
         rules = [str(rule.alias or rule.origin.name) for rule in self._rules]
         final = (moves == NONE).all(axis=1)
-        start = self._table.start_states["start"]
         end = self._table.end_states["start"]
         tables = Tables(
             moves=moves,
             final=final.astype(np.uint8),
-            start=begins[lexer_of],
+            start=begins[lexer_of][rows.reached],
             token=np.array(token, np.uint16),
             spelling=np.array(spelling, np.int16),
-            action=action,
-            pair=pairs,
-            after=after,
-            act_after=action[after, np.arange(action.shape[1])],
+            reached=rows.reached,
+            pair=rows.pair,
+            after=rows.after,
+            action=rows.action,
             length=np.array([len(rule.expansion) for rule in self._rules], np.int64),
             left=np.array([self._nonterminals[rule.origin.name] for rule in self._rules], np.int16),
             kind=np.array([self._kind(rule) for rule in self._rules], np.uint8),
             kept=np.array([self._is_kept(name) for name in self._names], np.int64),
             ignored=np.array([name in self._ignored for name in self._names], np.uint8),
             number=np.array([name == "NUMBER" for name in self._names], np.uint8),
-            ends=np.array([self._states[start], self._states[end]], np.int64),
+            ends=np.array([rows.first, self._states[end]], np.int64),
         )
         names = [name.lstrip("_") for name in self._names]
         wanted = [[names[k] for k in np.flatnonzero(row[:-1])] for row in action]
@@ -313,26 +322,38 @@ class _Maker:
                     return not symbol.filter_out
         return False
 
-    def _successors(
-        self, action: NDArray[np.int16], gotos: dict[tuple[int, int], int]
-    ) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
-        """Return the row of each goto, and by row and next terminal the state after it.
+    def _rows_of(self, action: NDArray[np.int16], gotos: dict[tuple[int, int], int]) -> _Rows:
+        """Return the rows; equal ones are one.
 
-        It is the state after all reductions of a single symbol that make no node.
+        The state after a symbol is the state after all reductions of a single symbol that make no
+        node.
         """
         count, columns = action.shape
-        pairs = np.full((count, len(self._nonterminals)), NONE, np.uint16)
-        after = np.empty((len(gotos), columns), np.uint16)
         silent = [self._kind(rule) == INLINED and len(rule.expansion) == 1 for rule in self._rules]
         left = [self._nonterminals[rule.origin.name] for rule in self._rules]
-        for row, ((below, nonterminal), target) in enumerate(gotos.items()):
-            pairs[below, nonterminal] = row
+        rows: dict[tuple[int, ...], int] = {}
+
+        def row_of(below: int, target: int) -> int:
+            """Return the row of a state that was reached from the state ``below``."""
+            after = [target]
             for column in range(columns):
                 state = target
                 while (act := int(action[state, column])) < 0 and silent[-act - 1]:
                     state = gotos[below, left[-act - 1]]
-                after[row, column] = state
-        return pairs, after
+                after.append(state)
+            return rows.setdefault(tuple(after), len(rows))
+
+        first = row_of(-1, self._states[self._table.start_states["start"]])
+        shifts = action.copy()
+        for state, column in np.argwhere(action > 0).tolist():
+            shifts[state, column] = row_of(state, int(action[state, column]) - 1) + 1
+        pair = np.full((count, len(self._nonterminals)), NONE, np.uint16)
+        for (below, nonterminal), target in gotos.items():
+            pair[below, nonterminal] = row_of(below, target)
+        table = np.array(list(rows), np.uint16)
+        after = np.ascontiguousarray(table[:, 1:])
+        reached = np.ascontiguousarray(table[:, 0])
+        return _Rows(first, reached, pair, after, shifts[after, np.arange(columns)])
 
     def _automaton(
         self, lexers: Iterable[frozenset[int]]

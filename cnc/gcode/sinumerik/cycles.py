@@ -8,7 +8,7 @@ pattern cycles.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 from cnc.gcode.core.call_stack import ControlStep, Flow, Maker, Step
 from cnc.gcode.reader.source_text import Place
@@ -80,13 +80,48 @@ the point, distance between holes, number. HOLES2: centre, radius, angle of the 
 between holes (0 divides the circle), number."""
 
 Point = tuple[float, float]
-Fault = Callable[[str, str], CncError]
 Move = tuple[tuple[str, float], ...]
 """Letters and numbers of the words of a line."""
 
 
-class Cycle(ControlStep):
+class CycleStep(ControlStep):
     """A line with a cycle. Its arguments are computed when the line is executed."""
+
+    __slots__ = ("flow", "values")
+
+    def compute(self, flow: Flow, names: str) -> None:
+        """Compute the arguments, whose names are given in their order.
+
+        Raises:
+            CncError: ``code-not-supported``: a later one is not 0.
+        """
+        self.flow = flow
+        given = [value(flow.parameters) for value in self.control.values]
+        self.values = dict(zip(names.split(), given, strict=False))
+        for index, value in enumerate(given[len(self.values) :], len(self.values) + 1):
+            if value == value and value != 0.0:
+                raise self.fault("code-not-supported", f": argument {index} is not supported")
+
+    def get(self, name: str, default: float = math.nan) -> float:
+        """Return an argument; ``default`` if it is left out."""
+        value = self.values.get(name, math.nan)
+        return default if value != value else value
+
+    def needs(self, name: str, meaning: str, above: float = -math.inf) -> float:
+        """Return an argument that must be given, and be more than ``above``."""
+        value = self.get(name)
+        if not value > above:
+            raise self.fault("cycle-word-missing", f" needs {name}, {meaning}")
+        return value
+
+    def fault(self, code: str, message: str, hint: str = "") -> CncError:
+        """Return an error at the name of the cycle."""
+        message = f"CYCLE{self.control.label}{message}"
+        return self.flow.listing.fault(self.at, code, message, hint)
+
+
+class Cycle(CycleStep):
+    """A line with a drilling cycle."""
 
     __slots__ = ()
 
@@ -98,57 +133,73 @@ class Cycle(ControlStep):
         if kind == _END:
             flow.modal = None
             return line + 1
-        given = [value(flow.parameters) for value in self.control.values]
-
-        def fault(code: str, message: str) -> CncError:
-            return flow.listing.fault(self.at, code, f"CYCLE{kind}{message}")
-
-        if kind == _TAPPING and flow.interpreter.modal.feed_scale != flow.interpreter.modal.scale:
-            raise fault("code-not-supported", " under G70: write G700, as its pitch gives the feed")
-        moves = list(_Hole(kind, given, flow.interpreter.modal.plane, fault).moves())
+        self.compute(flow, _NAMES[kind])
+        modal = flow.interpreter.modal
+        if kind == _TAPPING and modal.feed_scale != modal.scale:
+            message = " under G70: write G700, as its pitch gives the feed"
+            raise self.fault("code-not-supported", message)
+        plane = modal.plane
+        moves = list(_Hole(kind, self, plane).moves())
         if self.control.keyword == "cycle":
-            return _perform(flow, moves, line, fault)
+            return self._perform(moves, line)
         flow.modal = None
-        plane = flow.interpreter.modal.plane
 
         def again(after: int) -> int:
             if flow.interpreter.modal.plane != plane:
                 message = f"CYCLE{kind} of MCALL in another plane than that of its line"
                 hint = "write MCALL and the cycle again after the plane"
                 raise flow.listing.fault(Place(after, 1), "code-not-supported", message, hint)
-            return _perform(flow, moves, after, fault)
+            return self._perform(moves, after)
 
         flow.begin_modal(again)
+        return line + 1
+
+    def _perform(self, moves: list[Move], line: int) -> int:
+        """Make the moves, written for G17, in the plane; restore the modes that they change."""
+        interpreter = self.flow.interpreter
+        modal = interpreter.modal
+        if modal.diameter and any(
+            in_plane(letter, modal.plane) == "X" and number
+            for move in moves
+            for letter, number in move
+        ):
+            message = " moves X, and its arguments may be diameters or radii"
+            raise self.fault("code-not-supported", message)
+        before = modal.motion, modal.absolute, modal.feed, modal.feed_mode, modal.speed
+        try:
+            for move in ((("G", 90.0),), *moves):
+                words = tuple(
+                    Word(in_plane(letter, modal.plane), float(number), f"{letter}{number:g}", 1, 1)
+                    for letter, number in move
+                )
+                interpreter.execute(Statement(words), line)
+        finally:
+            modal = interpreter.modal
+            modal.motion, modal.absolute, modal.feed, modal.feed_mode, speed = before
+            if modal.speed != speed and speed is not None:
+                interpreter.execute(Statement((Word("S", speed, "S", 1, 1),)), line)
+            interpreter.update_plain()
         return line + 1
 
 
 class _Hole:
     """A hole of a cycle."""
 
-    def __init__(self, kind: int, given: list[float], plane: Plane, fault: Fault) -> None:
-        names = _NAMES[kind].split()
-        self.kind, self.fault = kind, fault
-        self.values = dict(zip(names, given, strict=False))
-        for index, value in enumerate(given[len(names) :], len(names) + 1):
-            if value == value and value != 0.0:
-                raise fault("code-not-supported", f": argument {index} is not supported")
+    def __init__(self, kind: int, cycle: CycleStep, plane: Plane) -> None:
+        self.kind, self.get, self.needs, self.fault = kind, cycle.get, cycle.needs, cycle.fault
         for name, known in (_MODES | _PLANE_MODES[plane]).items():
             if (mode := self.get(name, 0.0)) not in known:
-                raise fault("code-not-supported", f": {name} {mode:g} is not supported")
+                message = f": {name} {mode:g} is not supported"
+                raise self.fault("code-not-supported", message)
         back, top, safe = (self.get(name) for name in ("RTP", "RFP", "SDIS"))
         depth = self.get("DP", top - abs(self.get("DPR")))
         if any(value != value for value in (back, top, safe, depth)):
-            raise fault("cycle-word-missing", " needs RTP, RFP, SDIS, and DP or DPR")
+            raise self.fault("cycle-word-missing", " needs RTP, RFP, SDIS, and DP or DPR")
         self.back, self.top, self.depth = back, top, depth
         self.start = top + abs(safe)
         if depth > self.start or back < self.start - _ROUNDING:
             message = ": the return plane, start and depth are not in this order"
-            raise fault("cycle-retract-below-bottom", message)
-
-    def get(self, name: str, default: float = math.nan) -> float:
-        """Return an argument; ``default`` if it is left out."""
-        value = self.values.get(name, math.nan)
-        return default if value != value else value
+            raise self.fault("cycle-retract-below-bottom", message)
 
     def moves(self) -> Iterator[Move]:
         """Yield the words of each line of the cycle: codes, heights, feeds and dwells."""
@@ -177,13 +228,6 @@ class _Hole:
             raise self.fault("code-not-supported", f": {name} in turns of the spindle")
         if time > 0.0:
             yield ("G", 4), ("F", time)
-
-    def _needs(self, name: str, meaning: str) -> float:
-        """Return an argument that must be more than 0."""
-        value = self.get(name)
-        if not value > 0.0:
-            raise self.fault("cycle-word-missing", f" needs {name}, {meaning}")
-        return value
 
     def _pecks(self) -> Iterator[Move]:
         """Yield the pecks of CYCLE83: chips are broken (VARI 0) or brought out of the hole (1)."""
@@ -245,7 +289,7 @@ class _Hole:
             pitch = -abs(pitch) if self.get("AMODE84") == _LEFT_HAND else abs(pitch)
         if not pitch:
             raise self.fault("cycle-word-missing", " needs PIT, the pitch, or MPIT, the size")
-        speed = self._needs("SST", "the speed of the spindle")
+        speed = self.needs("SST", "the speed of the spindle", 0.0)
         out = self.get("SST1", 0.0) or speed
         turn, back = (3, 4) if pitch > 0.0 else (4, 3)
         yield (("G", 94),)
@@ -268,7 +312,9 @@ class _Hole:
         the start.
         """
         kind, reached = self.get("VARI", 0.0), self.top
-        step = self._needs("DAM", "the depth of a stroke") if kind else self.top - self.depth
+        step = self.top - self.depth
+        if kind:
+            step = self.needs("DAM", "the depth of a stroke", 0.0)
         if (self.top - self.depth) > MOST_PECKS * step:
             raise self.fault("cycle-too-long", f" makes more than {MOST_PECKS} strokes")
         back = self.get("VRT", 0.0) or 1.0
@@ -290,9 +336,9 @@ class _Hole:
 
     def _ream(self) -> Iterator[Move]:
         """Yield the moves of CYCLE85: in and out, each at a feed of its own."""
-        yield ("G", 1), ("Z", self.depth), ("F", self._needs("FFR", "the feed"))
+        yield ("G", 1), ("Z", self.depth), ("F", self.needs("FFR", "the feed", 0.0))
         yield from self._wait("DTB")
-        out = self._needs("RFF", "the feed out of the hole")
+        out = self.needs("RFF", "the feed out of the hole", 0.0)
         yield ("G", 1), ("Z", self.start), ("F", out)
 
     def _bore(self) -> Iterator[Move]:
@@ -315,31 +361,6 @@ class _Hole:
 def in_plane(letter: str, plane: Plane) -> str:
     """Return the letter that a word of G17 has in a plane."""
     return _IN_PLANE[plane].get(letter, letter)
-
-
-def _perform(flow: Flow, moves: list[Move], line: int, fault: Fault) -> int:
-    """Make the moves, written for G17, in the plane; restore the modes that the cycle changes."""
-    interpreter = flow.interpreter
-    modal = interpreter.modal
-    if modal.diameter and any(
-        in_plane(letter, modal.plane) == "X" and number for move in moves for letter, number in move
-    ):
-        raise fault("code-not-supported", " moves X, and its arguments may be diameters or radii")
-    before = modal.motion, modal.absolute, modal.feed, modal.feed_mode, modal.speed
-    try:
-        for move in ((("G", 90.0),), *moves):
-            words = tuple(
-                Word(in_plane(letter, modal.plane), float(number), f"{letter}{number:g}", 1, 1)
-                for letter, number in move
-            )
-            interpreter.execute(Statement(words), line)
-    finally:
-        modal = interpreter.modal
-        modal.motion, modal.absolute, modal.feed, modal.feed_mode, speed = before
-        if modal.speed != speed and speed is not None:
-            interpreter.execute(Statement((Word("S", speed, "S", 1, 1),)), line)
-        interpreter.update_plain()
-    return line + 1
 
 
 class Pattern(ControlStep):

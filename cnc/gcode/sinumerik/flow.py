@@ -15,7 +15,7 @@ from cnc.gcode.core.call_stack import ControlStep, Flow, Frame, Listing, Loop, M
 from cnc.gcode.core.control_flow import BackwardJump
 from cnc.gcode.core.coordinates import ProgramFrame, Transform
 from cnc.gcode.core.subprograms import skips_missing
-from cnc.gcode.reader.source_text import lines_with, windows_from
+from cnc.gcode.reader.source_text import Place, lines_with, windows_from
 from cnc.gcode.reader.statements import Control, Statement
 from cnc.gcode.reader.words import Word, under_compensation
 from cnc.model.blocks import PLANE_AXES
@@ -432,22 +432,40 @@ class Call(ControlStep):
         None if a check continues without the subprogram: one of a number, or one with values. A
         name alone may be a mistyped word of another function.
         """
-        for listing in (flow.listing, flow.main):
-            if line := head_of(listing, name):
-                return listing, line
-        file = flow.library.find(f"<{name.lower()}>", self.at)
-        if file is not None:
-            return file, head_of(file, name)
+        if found := subprogram(flow, name, self.at):
+            return found
         is_call = _NUMBERED.fullmatch(name) or self.control.values
         word = Word("L", 0.0, name, self.at.column, self.at.length)
         if is_call and skips_missing(flow, name, word, self.at.line):
             return None
         message = f"there is no subprogram {name}, and {name} is no word that is known"
-        hint = f"%_N_{name}_SPF or PROC {name} begins it in this file; {name.lower()}.spf is a file"
-        raise flow.listing.fault(self.at, "sub-unknown", message, hint)
+        raise flow.listing.fault(self.at, "sub-unknown", message, how_it_begins(name))
 
 
-def head_of(listing: Listing, name: str) -> int:
+def subprogram(flow: Flow, name: str, at: Place) -> tuple[Listing, int] | None:
+    """Return the text of a subprogram and the line of its head; 0 for a file without one.
+
+    Args:
+        flow: The flow of control.
+        name: The name of the subprogram.
+        at: The place of the call, for errors.
+
+    Returns:
+        None if there is no such subprogram.
+    """
+    for listing in (flow.listing, flow.main):
+        if line := _head_of(listing, name):
+            return listing, line
+    file = flow.library.find(f"<{name.lower()}>", at)
+    return None if file is None else (file, _head_of(file, name))
+
+
+def how_it_begins(name: str) -> str:
+    """Return the hint at the beginning of a subprogram that is missing."""
+    return f"%_N_{name}_SPF or PROC {name} begins it in this file; {name.lower()}.spf is a file"
+
+
+def _head_of(listing: Listing, name: str) -> int:
     """Return the line that begins a subprogram; 0 if the text does not have it."""
     pattern = re.compile(
         rb"(?<![^\r\n])[ \t]*(?:%_N_" + name.encode() + rb"_[MS]PF\b"

@@ -14,11 +14,11 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
 
-from cnc.gcode.core.call_stack import ControlStep, Flow, Listing
+from cnc.gcode.core.call_stack import Flow, Listing
 from cnc.gcode.reader.statements import Statement
 from cnc.gcode.reader.words import Word
-from cnc.gcode.sinumerik.cycles import COARSE
-from cnc.gcode.sinumerik.flow import head_of, labelled
+from cnc.gcode.sinumerik.cycles import COARSE, CycleStep
+from cnc.gcode.sinumerik.flow import how_it_begins, labelled, subprogram
 from cnc.gcode.turning.codes import MOST_PASSES
 from cnc.gcode.turning.cycles import TurningCycles
 from cnc.gcode.turning.moves import TurningMoves
@@ -43,7 +43,7 @@ from cnc.gcode.turning.roughing import (
     profile_of,
     rough,
 )
-from cnc.gcode.turning.threads import TurningThreads
+from cnc.gcode.turning.threads import TurningThreads, turns_per_second
 from cnc.model.blocks import Dwell, Polyline
 from cnc.model.diagnostics import CncError
 
@@ -63,10 +63,10 @@ _LIFT = 1.0
 _ROUNDING = 1e-9
 
 
-class TurningCycle(ControlStep):
-    """A line with a turning cycle. Its arguments are computed when the line is executed."""
+class TurningCycle(CycleStep):
+    """A line with a turning cycle."""
 
-    __slots__ = ("flow", "moves", "values")
+    __slots__ = ("moves",)
 
     def run(self, flow: Flow, line: int) -> int:
         """Make the cycle; go on with the next line."""
@@ -78,12 +78,7 @@ class TurningCycle(ControlStep):
         if turning is None:
             hint = 'set kind = "lathe" under [machine] of the machine file'
             raise self.fault("code-not-supported", " is for a lathe", hint)
-        names = _NAMES[kind].split()
-        given = [value(flow.parameters) for value in self.control.values]
-        for index, number in enumerate(given[len(names) :], len(names) + 1):
-            if number == number and number != 0.0:
-                raise self.fault("code-not-supported", f": argument {index} is not supported")
-        self.values = dict(zip(names, given, strict=False))
+        self.compute(flow, _NAMES[kind])
         self.moves = turning.moves
         self.moves.check(self.word)
         state = interpreter.modal
@@ -103,18 +98,6 @@ class TurningCycle(ControlStep):
         name = f"CYCLE{self.control.label}"
         return Word(name, 0.0, name, self.at.column, self.at.length)
 
-    def get(self, name: str, default: float = 0.0) -> float:
-        """Return an argument; ``default`` if it is left out."""
-        value = self.values.get(name, math.nan)
-        return default if value != value else value
-
-    def needs(self, name: str, meaning: str) -> float:
-        """Return an argument that must be given."""
-        value = self.get(name, math.nan)
-        if value != value:
-            raise self.fault("cycle-word-missing", f" needs {name}, {meaning}")
-        return value
-
     def size(self, name: str, default: float = 0.0) -> float:
         """Return a length in mm, whose sign says nothing."""
         return abs(self.get(name, default)) * self.flow.interpreter.modal.scale
@@ -131,11 +114,6 @@ class TurningCycle(ControlStep):
     def lift(self) -> float:
         """The retraction (VRT), mm."""
         return self.size("VRT") or _LIFT
-
-    def fault(self, code: str, message: str, hint: str = "") -> CncError:
-        """Return an error at the cycle."""
-        message = f"CYCLE{self.control.label}{message}"
-        return self.flow.listing.fault(self.at, code, message, hint)
 
 
 # Stock removal: CYCLE95.
@@ -218,7 +196,7 @@ class _Contour:
             hint = "start the cycle on the side of the stock"
             raise cycle.fault("profile-start", ": the tool is behind the contour", hint)
         clear = max(top, highest(rest)) + lead
-        with moves.exact_path():
+        with moves.context.exact_path():
             start = complex(min(rest[0].start.real, body[0].start.real) - lead, clear)
             for to in (complex(here.real, max(here.imag, clear)), complex(start.real,
                        max(here.imag, clear)), start):  # fmt: skip
@@ -244,7 +222,7 @@ class _Contour:
             raise cycle.fault("cycle-too-long", f" makes more than {MOST_PASSES} passes")
         for step in rough(plan):
             falls = isinstance(step, Cut) and step.piece.end.imag < step.piece.start.imag - TINY
-            self._feed("FF2" if falls and cycle.get("FF2") else "FF1")
+            self._feed("FF2" if falls and cycle.get("FF2", 0.0) else "FF1")
             self._step(step, view)
 
     def _finish(self, body: Profile, view: View, start: complex) -> None:
@@ -350,14 +328,10 @@ class _Contour:
 
     def _subprogram(self, name: str) -> tuple[Listing, int]:
         flow = self.cycle.flow
-        for listing in (flow.listing, flow.main):
-            if line := head_of(listing, name):
-                return listing, line
-        file = flow.library.find(f"<{name.lower()}>", self.cycle.at)
-        if file is not None:
-            return file, head_of(file, name)
+        if found := subprogram(flow, name, self.cycle.at):
+            return found
         message = f": there is no subprogram {name} with the contour"
-        hint = f"%_N_{name}_SPF or PROC {name} begins it in this file; {name.lower()}.spf is a file"
+        hint = how_it_begins(name)
         if next(labelled(flow.listing, name, 1), 0):
             hint = f'{name} is a label: give the first and the last one, such as "{name}:END"'
         raise self.cycle.fault("sub-unknown", message, hint)
@@ -411,7 +385,7 @@ class _Threads:
         self.depth, self.allowance = cycle.size("TDEP"), cycle.size("FAL")
         if not self.depth > self.allowance:
             raise cycle.fault("value-out-of-range", ": TDEP, the depth, must be more than FAL")
-        self.angle = math.radians(cycle.get("IANG"))
+        self.angle = math.radians(cycle.get("IANG", 0.0))
         if not abs(self.angle) < math.radians(60.0):
             raise cycle.fault("value-out-of-range", ": IANG must be from -60 to 60 degrees")
 
@@ -419,7 +393,7 @@ class _Threads:
         """Make all passes of all starts, and end at the start of the run-in."""
         cycle = self.cycle
         threads = TurningThreads(cycle.moves)
-        turns = threads.turns_per_second(cycle.word)
+        turns = turns_per_second(cycle.moves.context, cycle.word.written, cycle.word)
         start, sections = self._sections()
         ahead = math.copysign(1.0, sections[-1].z - start[0])
         crests = [start[1], *(section.x for section in sections)]
@@ -428,15 +402,15 @@ class _Threads:
         if min(crests) <= 0.0 or clear < 0.0:
             raise cycle.fault("value-out-of-range", ": the diameters must be more than 0")
         count, moves = cycle.whole("NUMT", 0, MOST_PASSES, 1.0) or 1, cycle.moves
-        starts = [(cycle.get("NSP") / 360.0 + k / count) % 1.0 for k in range(count)]
+        starts = [(cycle.get("NSP", 0.0) / 360.0 + k / count) % 1.0 for k in range(count)]
         depths = list(self._depths())
-        with moves.exact_path():
+        with moves.context.exact_path():
             z, x = moves.place
             back = start[0] - ahead * (starts[0] * sections[0].lead + self._flank(depths[0], 0))
             if (x - clear) * self.inward > 0.0:
                 moves.rapid(z, clear)
             moves.rapid(back, moves.place[1])
-            threads.overrides(on=False)
+            moves.context.add_overrides(feed=False, spindle=False)
             for turn in starts:
                 for number, depth in enumerate(depths):
                     flank = -ahead * self._flank(depth, number)
@@ -446,7 +420,7 @@ class _Threads:
                     moved = [*(part._replace(z=part.z + flank) for part in sections[:-1]),
                              sections[-1]]  # fmt: skip
                     self._pass(threads, [_Section(*crest, 0.0), *moved], (depth, clear), turns)
-            threads.overrides(on=True)
+            moves.context.add_overrides()
 
     def _flank(self, depth: float, number: int) -> float:
         """How far before the place of the last pass one begins, along the thread."""

@@ -20,7 +20,6 @@ from cnc.gcode.core.cycle_runner import (
     CyclePlane,
     CycleRunner,
     Point,
-    Turning,
     refuse_axes,
     refuse_modes,
     steps,
@@ -102,8 +101,7 @@ class TurningHoles(Executor):
         place = plane.place((end[0], end[1], hole.bottom))
         settings = settings._replace(feed=motion.feed(words, place, 0.0, at))
         count = whole(repeats, "the repeats", 1, MOST_PECKS) if repeats else 1
-        turning: Turning = "ccw" if state.spindle == "ccw" else "cw"
-        made = steps(base, plane.start, [hole] * count, settings, turning)
+        made = steps(base, plane.start, [hole] * count, settings, state.turning)
         self._runner.perform(made, plane)
 
     def _hole(self, end: Point, scale: float, at: Word) -> Hole:
@@ -125,14 +123,13 @@ class TurningHoles(Executor):
 
     def _settings(self, cycle: G, hole: Hole, at: Word) -> HoleSettings:
         """The settings from Q, P and the spindle, without the feed."""
-        state, settings = self._state, self._words
+        settings = self._words
         peck = self._depth(settings["Q"]) if cycle == G.G83 and "Q" in settings else 0.0
         if peck and _peck_count(hole.retract, hole.bottom, peck) > MOST_PECKS:
             message = f"this line makes more than {MOST_PECKS} pecks"
             raise fault("cycle-too-long", message, at, "give a larger Q")
-        if cycle in _NEEDS_SPINDLE and (state.spindle == "off" or not state.speed):
-            message = f"{at.written} needs the spindle, which does not turn"
-            raise fault("spindle-stopped", message, at, "give S and M3 before")
+        if cycle in _NEEDS_SPINDLE:
+            self.context.spindle_speed(at.written, at)
         rules = self._dialect.cycles
         return HoleSettings(
             feed=0.0,
@@ -150,7 +147,6 @@ class TurningHoles(Executor):
 
 RETRACT = 0.5
 """Retract of cycles without a line of settings, mm."""
-_SETTINGS = (G.G71, G.G72, G.G73)
 
 
 @dataclass(slots=True)
@@ -301,7 +297,7 @@ class TurningCycles(Executor):
         rest = self._staying.words.get("R", 0.0)
         first = (z + rest, x0) if facing else (z0, x + rest)
         back = (z0, x) if facing else (z, x0)
-        with moves.exact_path():
+        with moves.context.exact_path():
             moves.rapid(*first)
             moves.cut(z, x, at)
             moves.cut(*back, at)
@@ -349,7 +345,7 @@ class TurningCycles(Executor):
         depths = list(_stations(*line, step, at))[1:] or [line[1]]
         if len(places) * len(depths) > MOST_PASSES:
             raise fault("cycle-too-long", f"{at.written} makes more than {MOST_PASSES} pecks", at)
-        with moves.exact_path():
+        with moves.context.exact_path():
             for place in places:
                 self._peck_at(place, (line[0], depths), (shift, place != side[0]), along_z, at)
             moves.rapid(z0, x0)

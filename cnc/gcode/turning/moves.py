@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, nullcontext
 
 from cnc.gcode.core.compensation_codes import CompensationCodes
 from cnc.gcode.core.cycle_runner import refuse_modes
 from cnc.gcode.core.motion import Motion
 from cnc.gcode.reader.words import LineWords, Word, fault, positive
-from cnc.model.blocks import PathMode, SpindleSync
+from cnc.model.blocks import SpindleSync
 
 
 class TurningMoves:
@@ -148,14 +147,3 @@ class TurningMoves:
             if value != program[column]:
                 end[column] = value + zero[column]
         return end
-
-    @contextmanager
-    def exact_path(self) -> Iterator[None]:
-        """Suspend G64: cycles need the exact path."""
-        file, line, state = self.here.file, self.here.line, self.context.state
-        blending = state.path == "blend"
-        if blending:
-            self.out.add(PathMode(file, line, "exact-path"))
-        yield
-        if blending:
-            self.out.add(PathMode(file, line, "blend", state.tolerance))

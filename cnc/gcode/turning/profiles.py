@@ -111,7 +111,7 @@ class ProfileCycles:
         if words.rest:
             word = words.first()
             raise fault("word-unused", f"{word.written} has no use in {at.written}", word)
-        with moves.exact_path():
+        with moves.context.exact_path():
             for step in steps:
                 self.make_step(step, view, at, rapid_in=rapid_in)
 
@@ -561,7 +561,7 @@ class SubroutineProfiles(ProfileCycles):
         if words.rest:
             word = words.first()
             raise fault("word-unused", f"{word.written} has no use in {at.written}", word)
-        with self._moves.exact_path():
+        with self._moves.context.exact_path():
             for step in steps:
                 self.make_step(step, view, at, rapid_in=False)
 

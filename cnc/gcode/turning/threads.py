@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from math import ceil, copysign, hypot, log, radians, tan
 
-from cnc.gcode.core.context import Executor
+from cnc.gcode.core.context import Context, Executor
 from cnc.gcode.core.cycle_runner import (
     Cut,
     CyclePlane,
@@ -25,23 +25,40 @@ from cnc.gcode.core.cycle_runner import (
     SetOverrides,
     Step,
     Synchronise,
-    Turning,
     TurnSpindle,
     opposite,
     refuse_axes,
     refuse_modes,
     without_standing,
 )
-from cnc.gcode.core.modal_groups import Code, Feed
+from cnc.gcode.core.modal_groups import Code, Feed, Turning
 from cnc.gcode.core.motion import Handler, Motion, MotionCodes
 from cnc.gcode.kernels.cycles import ROUNDING
 from cnc.gcode.reader.words import G, LineWords, Word, fault, not_negative, positive, whole
 from cnc.gcode.turning.codes import MOST_PASSES
 from cnc.gcode.turning.moves import TurningMoves
-from cnc.model.blocks import Overrides
 
 WIDEST = 120.0
 """Largest angle of a thread, degrees."""
+
+
+def turns_per_second(context: Context, name: str, at: Word, length: str = "lead") -> float:
+    """Return the speed of the spindle that a thread follows, which must be constant.
+
+    Args:
+        context: The modal state.
+        name: The code, for messages.
+        at: Word at which errors are reported.
+        length: The length that belongs to a turn: lead or pitch.
+
+    Raises:
+        GcodeError: ``spindle-stopped``, ``surface-speed-active``.
+    """
+    speed = context.spindle_speed(name, at, use="follows")
+    if context.state.constant_surface:
+        message = f"{name} under G96: the {length} needs a constant speed of the spindle"
+        raise fault("surface-speed-active", message, at, "give G97 and S before")
+    return speed / 60.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +144,7 @@ class TurningThreads(Executor):
         moves.check(at)
         if not words.has_axis():
             raise fault("axis-words-missing", f"{at.written} needs X or Z", at)
-        turns, here = self.turns_per_second(at), moves.place
+        turns, here = turns_per_second(self.context, at.written, at), moves.place
         lead = None if self._dialect.flavour == "siemens" else self._lead_of(words, at)
         given = moves.given(words, at.written)
         end = given.get("Z", here[0]), given.get("X", here[1])
@@ -143,7 +160,7 @@ class TurningThreads(Executor):
         if code:
             staying.clear()
         moves.take_taper(words, "I")
-        lead, turns = self._lead_of(words, at), self.turns_per_second(at)
+        lead, turns = self._lead_of(words, at), turns_per_second(self.context, at.written, at)
         if taper := words.take("R", at.written):
             staying["R"] = taper.number * self._state.scale
         staying |= moves.given(words, at.written)
@@ -153,7 +170,7 @@ class TurningThreads(Executor):
         z0, x0 = moves.place
         z, x = staying["Z"], staying["X"]
         first = z0, x + staying.get("R", 0.0)
-        with moves.exact_path():
+        with self.context.exact_path():
             moves.rapid(*first)
             self.follow(first, (z, x), lead, turns)
             moves.end_follow()
@@ -196,17 +213,6 @@ class TurningThreads(Executor):
             raise fault("pitch-missing", f"{at.written} needs {letter}", at, hint)
         return positive(word, "the lead") * self._state.scale
 
-    def turns_per_second(self, at: Word) -> float:
-        """Return the speed of the spindle, which must turn at a constant one."""
-        state = self._state
-        if state.spindle == "off" or not state.speed:
-            message = f"{at.written} follows the spindle, which does not turn"
-            raise fault("spindle-stopped", message, at, "give S and M3 before")
-        if state.constant_surface:
-            message = f"{at.written} under G96: the lead needs a constant speed of the spindle"
-            raise fault("surface-speed-active", message, at, "give G97 and S before")
-        return state.speed / 60.0
-
     # G76
 
     def cycle(self, words: LineWords, code: Code | None) -> None:
@@ -218,31 +224,17 @@ class TurningThreads(Executor):
             return
         moves = self._moves
         moves.check(at)
-        lead, turns = self._lead_of(words, at), self.turns_per_second(at)
+        lead, turns = self._lead_of(words, at), turns_per_second(self.context, at.written, at)
         thread = self._thread(words, at, lead)
         for count, _ in enumerate(thread.depths()):
             if count > MOST_PASSES:
                 message = f"{at.written} makes more than {MOST_PASSES} passes"
                 raise fault("cycle-too-long", message, at, "give a larger first depth")
-        with moves.exact_path():
-            self.overrides(on=False)
+        with self.context.exact_path():
+            self.context.add_overrides(feed=False, spindle=False)
             for depth in thread.depths():
                 self._pass(thread, depth, lead, turns)
-            self.overrides(on=True)
-
-    def overrides(self, *, on: bool) -> None:
-        """Disable the feed override during the threads, and enable it where it was before."""
-        state, here = self._state, self._moves.here
-        self._moves.out.add(
-            Overrides(
-                here.file,
-                here.line,
-                state.feed_override and on,
-                state.speed_override and on,
-                state.adaptive_feed,
-                state.feed_stop,
-            )
-        )
+            self.context.add_overrides()
 
     def _pass(self, thread: Thread, depth: float, lead: float, turns: float) -> None:
         moves, inward = self._moves, thread.inward
@@ -578,10 +570,10 @@ class ThreadingCycles(MotionCodes):
         pitch = self._pitch(words, "K", name, at)
         faster = self._faster(words) if rigid else 1.0
         plane = CyclePlane(motion, state)
-        turns, turning = self._turns_per_second(name, at)
+        turns = turns_per_second(self.context, name, at, "pitch")
         end = plane.seen(motion.coordinates.to_program(motion.target(words, name, motion.position)))
         steps = (
-            tap_rigidly(plane.start, end, pitch, turns, turning, faster)
+            tap_rigidly(plane.start, end, pitch, turns, state.turning, faster)
             if rigid
             else follow(plane.start, end, pitch, turns)
         )
@@ -609,20 +601,6 @@ class ThreadingCycles(MotionCodes):
             raise fault("value-out-of-range", message, word)
         return word.number if word else 1.0
 
-    def _turns_per_second(self, name: str, at: Word) -> tuple[float, Turning]:
-        state = self._state
-        if state.spindle == "off" or not state.speed:
-            raise fault(
-                "spindle-stopped",
-                f"{name} follows the spindle, which does not turn",
-                at,
-                "give S and M3 before",
-            )
-        if state.constant_surface:
-            message = f"{name} under G96: the pitch needs a constant speed of the spindle"
-            raise fault("surface-speed-active", message, at, "give G97 and S before")
-        return state.speed / 60.0, state.spindle
-
     def thread(self, words: LineWords, code: Code | None) -> None:
         """Execute G76."""
         motion, state = self._motion, self._state
@@ -635,7 +613,7 @@ class ThreadingCycles(MotionCodes):
             raise fault("axis-words-missing", "G76 needs Z", at, "give Z and the end of the thread")
         plane = CyclePlane(motion, state)
         plane.needs("XZ", "G76", at)
-        turns, _ = self._turns_per_second("G76", at)
+        turns = turns_per_second(self.context, "G76", at, "pitch")
         end_word = words.rest["Z"]
         start, drive, height = plane.start
         end, _, _ = plane.seen(

@@ -248,7 +248,20 @@ SIMPLE = [
     "S1 T1 M6",
 ]
 
-NOT_SIMPLE = ["N-0", "N1.5", "X1 X2", "F1 f2", "%", "X[1]", "#1=2", "O5"]
+NOT_SIMPLE = [
+    "N-0",
+    "N1.5",
+    "X1 X2",
+    "F1 f2",
+    "%",
+    "X[1]",
+    "X-[1]",
+    "X[-1]",
+    "G[1] X2",
+    "N[5] X1",
+    "#1=2",
+    "O5",
+]
 
 
 def test_simple_lines_are_marked() -> None:

@@ -184,9 +184,8 @@ def test_many_lines_are_read_alike_without_a_compiler() -> None:
         )  # fmt: skip
         found.append((int(count), *(row[:count].tolist() for row in events), results.first[40]))
     assert found[0] == found[1]
-    # Of each line 1 = 2 + 3 * 4 - 5; the parameter, three operations, two brackets, the assignment
-    # and the block.
-    assert found[0][0] == 40 * (9 + 8)
+    # Of each line 1 = 2 + 3 * 4 - 5; the parameter, three operations, the assignment and the block.
+    assert found[0][0] == 40 * (9 + 6)
 
 
 def test_numbers_have_the_bits_of_float() -> None:
