@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cnc.batch import pool
+from cnc.batch.task import Task
 from cnc.boards.protocols import LineSink, PulseSink
 from cnc.boards.registry import open_board
 from cnc.checks.selection import Selection
@@ -217,8 +218,9 @@ def check_many(
         UsageError: If an option is wrong.
         MachineFileError: If the machine file is wrong.
     """
-    names = [str(program) for program in programs]
-    return pool.check_many(names, _loaded(machine), options, jobs=jobs, scheduler=scheduler)
+    loaded, chosen = _loaded(machine), options or RunOptions()
+    tasks = [Task(str(program), loaded, chosen) for program in programs]
+    return pool.check_tasks(tasks, jobs=jobs, scheduler=scheduler)
 
 
 def run(

@@ -2,7 +2,7 @@
 
 Each worker process checks one program at a time. Reports come in the order of the programs.
 
-    check_many ──► thread per worker ──tasks──► python -m cnc.batch.task ──► cnc.session
+    check_tasks ──► thread per worker ──tasks──► python -m cnc.batch.task ──► cnc.session
         ▲                  │ ◄─────────────── reports ─────────┘
         └── by number ◄────┘
 

@@ -15,12 +15,10 @@ from queue import Empty, SimpleQueue
 from typing import Any
 
 from cnc.batch.task import Prepare, Task
-from cnc.machine.models import Machine
 from cnc.model.diagnostics import CncError, Diagnostic, UsageError
 from cnc.report.result import Report
 from cnc.session.kernel_cache import ensure_compiled
 from cnc.session.kernel_jobs import CHECKING
-from cnc.session.options import RunOptions
 from cnc.session.program_reader import STANDARD_INPUT
 
 ATTEMPTS = 2
@@ -40,28 +38,22 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def check_many(
-    programs: Sequence[str],
-    machine: Machine,
-    options: RunOptions | None = None,
+def check_tasks(
+    tasks: Sequence[Task],
     *,
     jobs: int | None = None,
     scheduler: str | None = None,
-    on_done: Callable[[int], None] | None = None,
     on_compiling: Callable[[], None] | None = None,
 ) -> Iterator[Report]:
-    """Check programs and yield their reports in the same order.
+    """Check programs, each with its machine and options, and yield their reports in that order.
 
     A program whose process dies repeatedly has the fault ``worker-died``. A fault of cncrun itself
     is ``internal-error``.
 
     Args:
-        programs: the programs.
-        machine: the machine.
-        options: options of the checks; None for the defaults.
+        tasks: the programs.
         jobs: number of processes; None for one on each core.
         scheduler: address of a Dask scheduler, whose workers replace the processes.
-        on_done: called with the number of programs checked so far.
         on_compiling: called when a worker compiles the kernels.
 
     Raises:
@@ -75,7 +67,6 @@ def check_many(
                 "job-count", f"{jobs} processes cannot check programs", hint="use --jobs 1 or more"
             )
         )
-    tasks = [Task(program, machine, options or RunOptions()) for program in programs]
     if scheduler is None:
         outcomes = _check_locally(
             tasks, min(jobs or cores(), len(tasks)), on_compiling or (lambda: None)
@@ -86,14 +77,10 @@ def check_many(
         outcomes = check_on(scheduler, tasks)
     finished: dict[int, Report | CncError] = {}
     with closing(outcomes):
-        count = 0
         for index in range(len(tasks)):
             while index not in finished:
                 number, outcome = next(outcomes)
                 finished[number] = outcome
-                count += 1
-                if on_done is not None:
-                    on_done(count)
             outcome_due = finished.pop(index)
             if isinstance(outcome_due, CncError):
                 raise outcome_due

@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import TextIO
 
 from cnc import api
-from cnc.batch.pool import check_many
+from cnc.batch.pool import check_tasks
+from cnc.batch.task import Task
 from cnc.cli.options import CheckFormat, CheckOptions, CommonOptions
 from cnc.cli.progress import ProgressDisplay, print_compiling
 from cnc.cli.projects import jobs_of, options_of
@@ -126,20 +127,18 @@ def check_listed(
         raise UsageError(Diagnostic("jobs-and-scheduler", message, hint="give one of them"))
     reports: list[Report] = []
     quiet = common.terminal.quiet
-    # Programs behind each other with the same options are checked together.
-    alike = groupby(files, lambda file: options_of(file, common, options))
+    # Programs behind each other with the same options share them: a machine takes memory.
+    tasks = [
+        Task(file, chosen.machine, chosen.check.run_options(chosen.common))
+        for chosen, group in groupby(files, lambda file: options_of(file, common, options))
+        for file in group
+    ]
     with ProgressDisplay(Control(common.feed_override), quiet=quiet) as display:
-        results = (
-            report
-            for chosen, group in alike
-            for report in check_many(
-                tuple(group),
-                chosen.machine,
-                chosen.check.run_options(chosen.common),
-                jobs=options.jobs or jobs_of(files[0]),
-                scheduler=options.scheduler,
-                on_compiling=None if quiet else print_compiling,
-            )
+        results = check_tasks(
+            tasks,
+            jobs=options.jobs or jobs_of(files[0]),
+            scheduler=options.scheduler,
+            on_compiling=None if quiet else print_compiling,
         )
         for report in results:
             display.count(len(reports) + 1, len(files))

@@ -54,8 +54,15 @@ def outputs(capsys: pytest.CaptureFixture[str]) -> tuple[str, str]:
 @pytest.mark.parametrize("form", FORMATS)
 @pytest.mark.parametrize("name", NAMES[:: share(1, 3)])
 def test_a_check_shows_names_without_their_effect(
-    folder: Path, capsys: pytest.CaptureFixture[str], name: str, form: str
+    folder: Path,
+    capsys: pytest.CaptureFixture[str],
+    request: pytest.FixtureRequest,
+    name: str,
+    form: str,
 ) -> None:
+    """The names go through a process of their own for one form; the others have this one."""
+    if form != "text":
+        request.getfixturevalue("one_process")
     for kind, text in PROGRAMS.items():
         Path(name).write_text(text)
         code = exit_code(["check", "--format", form, "--", name])
@@ -76,6 +83,7 @@ def test_a_check_shows_names_without_their_effect(
     assert_harmless(err)
 
 
+@pytest.mark.usefixtures("one_process")
 @pytest.mark.parametrize("name", NAMES[:: share(1, 2)])
 def test_messages_about_files_show_names_without_their_effect(
     folder: Path, capsys: pytest.CaptureFixture[str], name: str

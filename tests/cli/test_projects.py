@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pytest
 
+from cnc.batch.task import Task
 from cnc.cli import exit_code
 from cnc.machine.project import project_of, project_schema
 from cnc.model.diagnostics import MachineFileError
@@ -168,6 +170,25 @@ def test_each_program_of_a_check_has_its_own_machine(folder: Path) -> None:
         Path(each["program"]).name: each["machine"] for each in json.loads(file.read_text())
     }
     assert machines == {"a.nc": "mill", "b.nc": "lathe", "c.nc": "lathe", "d.tap": "mill"}
+
+
+def test_programs_of_several_machines_share_their_processes(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A set of processes for each machine would load the kernels again and again."""
+    write(
+        folder,
+        "machine = 'mill.toml'\n[[programs]]\nfiles = ['lathe/']\nmachine = 'lathe.toml'\n",
+    )
+    sets: list[list[str]] = []
+
+    def check_here(tasks: Sequence[Task], *_: object) -> Iterator[tuple[int, object]]:
+        sets.append([task.machine.name for task in tasks])
+        yield from enumerate([task.perform() for task in tasks])
+
+    monkeypatch.setattr("cnc.batch.pool._check_locally", check_here)
+    assert exit_code(["check", str(folder), "--quiet"]) == 0
+    assert sets == [["mill", "lathe", "lathe", "mill"]]
 
 
 def test_config_says_what_holds_and_why(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -17,6 +17,7 @@ from cnc.planner.kernels.refine import refine, sum_limits
 from cnc.planner.known_path import STANDSTILL, KnownPath, between, intervals_of
 from cnc.planner.limits import Limits
 from cnc.planner.phases import plan_to_rest
+from cnc.planner.slowing import Request, slower_plan
 from tests.support.planner.motions import arc, lines, machine, path_of
 
 
@@ -87,6 +88,21 @@ def test_a_legal_plan_on_a_straight_path_is_kept_where_it_may_be_illegal():
     )
     legal, found = refine(fast, known, limits.arrays, True, 0.0)
     assert not legal or found["v"].max() < fast["v"].max()
+
+
+def test_a_plan_that_gains_nothing_is_not_cut_further_by_each_request():
+    """A refinement cuts a phase into up to ten; without a gain the phases stay as they are."""
+    limits = Limits.of(machine(axis=(1000.0, 50_000.0)))
+    (chunk,) = chunks_of(
+        [PathMode("t.nc", 1, "exact-path"), arc((0.0, 0.0, 0.0), (0.0, 10.0), 0.9, 100.0)]
+    )
+    path = KnownPath(limits)
+    path.add(chunk, None, None)
+    goal = float(chunk.length.sum())
+    _, plan = plan_to_rest(0.0, path.intervals(limits, 0.0, goal), 0.0, limits)
+    once = slower_plan(Request(path, plan, 0.0, goal, False, False), 0.0)
+    twice = slower_plan(Request(path, once.phases, 0.0, goal, False, False), 0.0)
+    np.testing.assert_array_equal(twice.phases, once.phases)
 
 
 def descents_of(ramp, known, limits, monkeypatch) -> tuple[bool, int]:

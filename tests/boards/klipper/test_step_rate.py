@@ -19,6 +19,7 @@ from cnc.model.streams import PulseChunk
 from cnc.simulators.klipper.objects import Motor
 from tests.support.boards.klipper_rig import board, machine, pins, played
 from tests.support.boards.stepper_rig import chunks, line
+from tests.support.soak import share
 
 ROWS = 6000
 FIRMWARE = [
@@ -138,7 +139,7 @@ def test_messages_need_the_time_that_steps_leave(
     """
     if not checked:
         monkeypatch.setattr(feasibility.KlipperFeasibility, "add", lambda _, chunk: None)
-    turns = 12 * "G3 X30 Y0 I-30 J0\n"
+    turns = share(12, 4) * "G3 X30 Y0 I-30 J0\n"
     (tmp_path / "turns.ngc").write_text(f"G21 G90 G17\nG1 X30 F7000\n{turns}M2\n")
     known = turning(tolerance_us)
     report, simulator = played(tmp_path / "turns.ngc", tmp_path, known)
