@@ -311,6 +311,7 @@ ERRORS = [
     ("turning-plane", "G17\nG90 X30. Z-5. F0.1", "give G18"),
     ("cycle-word-missing", "G71 P1 Q2 F0.1\nN1 G0 X30.\nN2 G1 Z-5.", "depth of a pass"),
     ("cycle-word-missing", "G71 R1.", "P and Q"),
+    ("cycle-word-missing", "G70", "P and Q"),
     ("cycle-word-missing", "G90 X30. F0.1", "needs Z"),
     ("profile-missing", "G71 U1. R1.\nG71 P7 Q9 F0.1", "no line N7"),
     ("profile-place", "G71 P1 Q2 D1. F0.1\nM8\nN1 G0 X30.\nN2 G1 Z-5.", "between"),

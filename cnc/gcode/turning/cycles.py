@@ -181,6 +181,7 @@ def register(motion: Motion, compensation: CompensationCodes) -> TurningCycles:
     moves.compensation = compensation
     cycles = TurningCycles(moves)
     motion.handlers |= {
+        G.G70: cycles.finishing,
         G.G71: cycles.once(cycles.roughing_settings),
         G.G72: cycles.once(cycles.roughing_settings),
         G.G73: cycles.once(cycles.pattern_settings),
@@ -221,6 +222,13 @@ class TurningCycles(Executor):
         return run
 
     # Settings
+
+    def finishing(self, words: LineWords, code: Code | None) -> None:
+        """Refuse G70 without P and Q: it has no settings."""
+        at = self._state.motion.written if code is None else code.word.written
+        hint = "give the first and the last line of the profile: G70 P10 Q20"
+        message = f"{at} needs P and Q"
+        raise fault("cycle-word-missing", message, code.word if code else words.first(), hint)
 
     def roughing_settings(self, words: LineWords, code: Code | None) -> None:
         """Execute G71 or G72 without P and Q: depth (U or W) and retract (R)."""
