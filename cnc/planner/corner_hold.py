@@ -62,6 +62,9 @@ INSIDE = 1.0 - 1e-3
 WORTHWHILE = 0.01
 """A clock that saves a smaller part of the time stays as it is."""
 
+HALVINGS = 40
+"""Of an interval, until a rate is exact."""
+
 CROSSED = 1e-3
 """Part of the rest of a chain: for so long behind it the clock keeps its rate."""
 
@@ -172,7 +175,8 @@ def under_clock(left: ChainLeft, legs: PathChunk, limits: Limits) -> OtherClock 
             return None
         count, clock = slower
     first, end_rate = steady_from(clock, count), end_of(timed.clock)[1]
-    raised = _raised(clock[first:], with_feeds, machine, end_rate)
+    end = min(end_rate, _end_below(known, float(with_feeds.top[-1] * speed[-1]), limits))
+    raised = _raised(clock[first:], with_feeds, machine, end)
     if raised is not None:
         clock = np.concatenate((clock[:first], raised))
     if not count and clock["duration"].sum() > (1.0 - WORTHWHILE) * plan.duration:
@@ -296,6 +300,28 @@ def _raised(clock: Phases, known: Intervals, machine: LimitArrays, end: float) -
         return None
     phases = phases[:written]
     return cut_at_length(phases[phases["duration"] > 0.0], last)[0]
+
+
+def _end_below(known: Intervals, feed: float, limits: Limits) -> float:
+    """Return the largest rate at the end of a motion from which it keeps a feed, mm/s.
+
+    Behind the end it may still speed up. At the rate r it has the speed v r and the acceleration
+    a r^2, whose end raises the speed by (a r^2)^2 / (2 J).
+    """
+    v, a = known.samples[-1, -1, :2, -1].tolist()
+    if a <= 0.0 or not 0.0 < feed < inf:
+        return inf
+    machine, along = limits.arrays, np.abs(known.samples[-1, -1, 0, :-1]) / v
+    with np.errstate(divide="ignore"):
+        jerk = min(machine.tangential_jerk, float((machine.axis_jerk / along).min()))
+    low, high = 0.0, feed / v
+    for _ in range(HALVINGS):
+        rate = 0.5 * (low + high)
+        if v * rate + (a * rate**2) ** 2 / (2.0 * jerk) <= INSIDE * feed:
+            low = rate
+        else:
+            high = rate
+    return low
 
 
 def _bounded(known: Intervals, machine: LimitArrays, rate: float) -> Intervals:

@@ -211,6 +211,24 @@ def test_a_motion_that_keeps_the_new_feed_for_a_while_is_planned_from_there(tmp_
     assert above == [None] * len(above)
 
 
+def test_a_lower_feed_is_kept_where_a_motion_past_corners_ends_speeding_up(tmp_path):
+    """The clock of the chain is raised to the new feed; behind it the acceleration has to end."""
+    rng = np.random.default_rng([30113345, FAMILIES.index("corners"), 6])
+    program = random_program("corners", rng, tmp_path)
+    feeds, control, above, requested = feeds_of(program), Control(), [], math.nan
+    for plan in LookAhead(program.machine, control).plan(program.path):
+        if not isinstance(plan, PlanChunk):
+            continue
+        if math.isnan(requested):
+            if plan.t0 + plan.duration >= 0.55:
+                control.override(10.0)
+                requested = plan.t0 + plan.duration
+        elif (time := last_above(plan, feeds, 0.1)) is not None:
+            above.append(time - requested)
+    assert above
+    assert max(above) < 2.0 * SLICE
+
+
 INSIDE = 0.95
 """Part of the requests inside of long motions past corners for which there is room at once."""
 
