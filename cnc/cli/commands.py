@@ -16,7 +16,7 @@ from cyclopts.argument import ArgumentCollection
 import cnc
 from cnc import cli
 from cnc.cli.keyboard import Keyboard
-from cnc.cli.measuring import backlash, pitch, square
+from cnc.cli.measuring import backlash, pitch, ringing, square
 from cnc.cli.messages import EXIT_PIPE, close_log, fail, internal_error, usage
 from cnc.cli.operate_commands import (
     TERMINAL,
@@ -124,12 +124,13 @@ app.command(mdi)
 app.command(height_map)
 measure = Application(
     name="measure",
-    help="Measure errors of the machine: guided, with a gauge; keys of the machine file from them.",
+    help="Measure errors of the machine, guided; keys of the machine file from them.",
     help_format="plaintext",
 )
 measure.command(backlash)
 measure.command(pitch)
 measure.command(square)
+measure.command(ringing)
 app.command(measure)
 app.command(serve)
 COMMON, BOARD, CHECK, FIX = CommonOptions(), BoardOptions(), CheckOptions(), FixOptions()

@@ -129,6 +129,31 @@ def square(
     return _measure(list(axes), begin, on_board)
 
 
+def ringing(
+    record: Annotated[str, Parameter(help="A csv file: times, s, and accelerations.")],
+    /,
+    *,
+    terminal: TerminalOptions = TERMINAL,
+) -> int:
+    """Find the modes of a frame that rings in the record of an accelerometer; nothing moves.
+
+    Record taps on the frame, or short quick moves with rests of 0.5 s.
+    """
+    terminal.open_log(record)
+    cli.load_library()
+    from cnc.measure import ringing as records
+
+    rate, columns = records.read_record(Path(record))
+    found = {letter: records.modes(samples, rate) for letter, samples in columns.items()}
+    print(f"{rate:.0f} samples a second")
+    for letter, modes in found.items():
+        for mode in modes:
+            numbers = f"{mode.frequency:7.2f} Hz, damping {mode.damping:.3f}"
+            print(f"{letter.upper()}  {numbers}, {100.0 * mode.share:.0f} % of the energy")
+    print("the machine file has no keys for modes: use the numbers for an input shaper")
+    return 0
+
+
 def _measure(
     axes: Sequence[str],
     begin: Callable[[Sequence[Scale]], Procedure],

@@ -2,6 +2,7 @@
 
 import io
 
+import numpy as np
 import pytest
 
 from cnc.machine.load import load_machine
@@ -115,3 +116,26 @@ def test_what_cannot_be_measured_is_refused(cncrun, mill, typed, words, code):
     exit_code, _, err = cncrun("measure", *words, "--machine", str(mill))
     assert exit_code == 2
     assert f"{code}: " in err
+
+
+def test_modes_are_found_in_a_record(cncrun, tmp_path):
+    """A frame that is struck once a second; an axis that hears nothing is refused by name."""
+    t = np.arange(0.0, 4.0, 0.001)
+    after = t % 1.0
+    waves = [
+        weight
+        * np.exp(-d * 2 * np.pi * f * after)
+        * np.sin(2 * np.pi * f * (1 - d * d) ** 0.5 * after)
+        for f, d, weight in ((38.0, 0.05, 1.0), (61.0, 0.04, 0.7))
+    ]
+    file = tmp_path / "record.csv"
+    rows = [f"{time:.4f},{value:.6f}" for time, value in zip(t, waves[0] + waves[1], strict=True)]
+    file.write_text("time,ax\n" + "\n".join(rows) + "\n")
+    code, out, _ = cncrun("measure", "ringing", str(file))
+    assert code == 0
+    shown = [line.split() for line in out.splitlines() if line.startswith("X ")]
+    assert [float(words[1]) for words in shown] == pytest.approx([38.0, 61.0], rel=0.01)
+    file.write_text("time,ax\n" + "\n".join(f"{time:.4f},1.0" for time in t) + "\n")
+    code, _, err = cncrun("measure", "ringing", str(file))
+    assert code == 2
+    assert err.startswith("record-form: ")

@@ -225,7 +225,7 @@ class TurningCycles(Executor):
 
     def finishing(self, words: LineWords, code: Code | None) -> None:
         """Refuse G70 without P and Q: it has no settings."""
-        at = self._state.motion.written if code is None else code.word.written
+        at = "G70" if code is None else code.word.written
         hint = "give the first and the last line of the profile: G70 P10 Q20"
         message = f"{at} needs P and Q"
         raise fault("cycle-word-missing", message, code.word if code else words.first(), hint)
