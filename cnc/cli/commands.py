@@ -124,7 +124,7 @@ app.command(mdi)
 app.command(height_map)
 measure = Application(
     name="measure",
-    help="Measure errors of the machine, guided; keys of the machine file from them.",
+    help="Measure backlash, screws, squareness and ringing.",
     help_format="plaintext",
 )
 measure.command(backlash)

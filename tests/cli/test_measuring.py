@@ -10,9 +10,9 @@ from cnc.machine.load import load_machine
 AXIS = """\
 [axes.{letter}]
 steps_per_mm = 400.0
-max_velocity = 50.0
-max_acceleration = 500.0
-max_jerk = 5000.0
+max_velocity = 400.0
+max_acceleration = 8000.0
+max_jerk = 400000.0
 travel = [-300, 300]
 
 """
