@@ -57,7 +57,8 @@ def test_records_of_phones_and_boards_are_read(tmp_path, heading, separator, sca
     rng = np.random.default_rng(1)
     columns = [ringing(rng, [(f, 0.04, 1.0)]) for f in (38.0, 61.0, 25.0)]
     times = np.arange(len(columns[0])) / 1000.0 + rng.uniform(-1e-4, 1e-4, len(columns[0]))
-    rows = [f"{separator}".join(f"{v:.6f}" for v in row) for row in zip(times * scale, *columns, strict=True)]  # fmt: skip # noqa: E501
+    table = np.stack((times * scale, *columns), axis=1).tolist()
+    rows = [separator.join(f"{value:.6f}" for value in row) for row in table]
     file = tmp_path / "record.csv"
     file.write_text("\n".join([*([heading] if heading else []), *rows, ""]))
     record = read_record(file)
