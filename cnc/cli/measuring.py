@@ -17,6 +17,7 @@ from cnc import cli
 from cnc.cli.keyboard import Keyboard
 from cnc.cli.operate_commands import TERMINAL, PortOption
 from cnc.cli.options import BoardOption, MachineOption, TerminalOptions, option
+from cnc.cli.signals import typed_line
 from cnc.model.diagnostics import Diagnostic, UsageError, printable
 from cnc.model.operator_control import Control
 
@@ -181,20 +182,27 @@ def _measure(
                 message = f"{letter.upper()} is not homed: the table is for places of the machine"
                 raise UsageError(Diagnostic("measure-axis", message, hint="run cncrun home first"))
         scales = [measuring.scale_of(session, letter) for letter in letters]
-        measured = measuring.carried_out(begin(scales), session, move, _read)
+        measured = measuring.carried_out(
+            begin(scales), session, move, lambda text: _read(text, signals)
+        )
     _show(measured)
     _write(measured, given, yes=on.yes)
     return 0
 
 
-def _read(text: str) -> float:
-    """Ask for a number until there is one. UsageError ``reading-missing`` at the end of input."""
+def _read(text: str, control: Control) -> float:
+    """Ask for a number until there is one.
+
+    Raises:
+        UsageError: ``reading-missing`` at the end of input.
+        KeyboardInterrupt: As :func:`cnc.cli.signals.typed_line`.
+    """
     *todo, what = text.split("\n")
     for line in todo:
         print(line, file=sys.stderr)
     while True:
         print(f"{what}: ", end="", file=sys.stderr, flush=True)
-        line = sys.stdin.readline()
+        line = typed_line(control)
         if not line:
             print(file=sys.stderr)
             hint = "type the numbers, or give them on standard input, one a line"
@@ -232,7 +240,7 @@ def _write(measured: Measured, machine: Machine, *, yes: bool) -> None:
     from cnc.measure import machine_file
     from cnc.session.required_capabilities import takes_lines
 
-    name, file = machine.file, Path(machine.file)
+    name, file = machine.file, Path(machine.file).resolve()  # a link stays one
     keys = dict(measured.keys)
     remark = f"measured {date.today().isoformat()}: {measured.remark}"
     table = None
@@ -252,7 +260,7 @@ def _write(measured: Measured, machine: Machine, *, yes: bool) -> None:
         print("the machine are not compensated there. For a board that plays pulses it would be:")
         print(*steps, sep="\n")
         return
-    before = file.read_text(encoding="utf-8")
+    before = file.read_bytes().decode()  # with the ends of its lines
     after = machine_file.changed_text(before, keys, remark)
     if table is not None:
         steps.append(f"{table} with {len(measured.table)} rows")

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -20,7 +20,7 @@ from cnc.cli.options import (
     option,
 )
 from cnc.cli.progress import ProgressDisplay
-from cnc.cli.signals import report_hang_up
+from cnc.cli.signals import report_hang_up, typed_line
 from cnc.model.choices import Interpolation
 from cnc.model.diagnostics import (
     EXIT_STOPPED,
@@ -145,7 +145,8 @@ def mdi(
     """
     terminal.open_log(machine)
     with cli.operating.connected(cnc.load_machine(machine), board, port) as (session, signals):
-        for line in lines or (line.rstrip("\n") for line in sys.stdin):
+        typed = iter(partial(typed_line, signals), "")
+        for line in lines or (line.rstrip("\n") for line in typed):
             if not line.strip():
                 continue
             ended = cli.operating.waited(

@@ -117,6 +117,31 @@ class OperatorSignals:
             _suspend_now()
 
 
+def typed_line(control: Control) -> str:
+    """Return the next line of standard input; "" at its end.
+
+    The machine rests while the operator types. So a signal ends the command here: the request to
+    stop of :class:`OperatorSignals` would wait for the line.
+
+    Raises:
+        KeyboardInterrupt: For a signal, also one that came just before.
+    """
+
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt("stopped by the operator; the machine is at rest")
+
+    before: dict[signal.Signals, Any] = {}
+    if threading.current_thread() is threading.main_thread():
+        before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        if control.stopped:
+            stop()
+        return sys.stdin.readline()
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
 def report_hang_up() -> None:
     """Tell this process that its terminal is gone.
 

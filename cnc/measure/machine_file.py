@@ -36,12 +36,13 @@ def changed_text(text: str, changes: Mapping[Path_, Value], remark: str) -> str:
     Raises:
         UsageError: ``machine-file-form`` if the file has a form that is not changed here.
     """
-    lines = text.splitlines(keepends=True)
+    ending = "\r\n" if "\r\n" in text else "\n"
+    lines = text.replace("\r\n", "\n").splitlines(keepends=True)
     wanted = tomllib.loads(text)
     for path, value in changes.items():
         _set(wanted, path, value)
         _change(lines, path, value, remark)
-    new = "".join(lines)
+    new = "".join(lines).replace("\n", ending)
     with contextlib.suppress(tomllib.TOMLDecodeError):
         if tomllib.loads(new) == wanted:
             return new

@@ -1,6 +1,7 @@
 """The commands cncrun measure: typed readings in, keys of the machine file out."""
 
 import io
+import signal
 
 import numpy as np
 import pytest
@@ -48,6 +49,32 @@ def test_backlash_is_measured_shown_and_written(cncrun, mill, typed):
     typed(BACKLASH)
     assert cncrun("measure", "backlash", "x", "--yes", "--machine", str(mill))[0] == 0
     assert load_machine(mill).axes["x"].backlash == pytest.approx(0.05)
+
+
+def test_a_machine_file_that_is_a_link_stays_one(cncrun, mill, typed, tmp_path):
+    folder = tmp_path / "elsewhere"
+    folder.mkdir()
+    link = folder / "linked.toml"
+    link.symlink_to(mill)
+    typed(BACKLASH)
+    assert cncrun("measure", "backlash", "X", "--yes", "--machine", str(link))[0] == 0
+    assert link.is_symlink()
+    assert load_machine(mill).axes["x"].backlash == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize("words", [("measure", "backlash", "X", "--unhomed"), ("mdi",)])
+def test_ctrl_c_ends_a_command_that_waits_for_a_line(cncrun, monkeypatch, words):
+    """The machine rests: the stop of a motion would wait for the line."""
+
+    class Waiting(io.StringIO):
+        def readline(self, *_):
+            signal.raise_signal(signal.SIGINT)
+            return "1.0\n"
+
+    monkeypatch.setattr("sys.stdin", Waiting())
+    code, _, err = cncrun(*words)
+    assert code == 130
+    assert err.endswith("stopped by the operator; the machine is at rest\n")
 
 
 def test_without_a_terminal_nothing_is_written_unasked(cncrun, mill, typed):

@@ -44,6 +44,12 @@ def test_a_key_is_replaced_added_and_taken_away_with_a_remark():
     assert f'backlash = 0.1  # guessed\nerror_table = "x.csv"  # {REMARK}\n\n# below' in new
 
 
+def test_the_ends_of_lines_stay():
+    changes = {("axes", "x", "backlash"): 0.043, ("axes", "y", "backlash"): 0.02}
+    new = changed_text(TEXT.replace("\n", "\r\n"), changes, REMARK)
+    assert new == changed_text(TEXT, changes, REMARK).replace("\n", "\r\n")
+
+
 @pytest.mark.parametrize(
     ("before", "after"),
     [
