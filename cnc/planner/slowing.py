@@ -70,6 +70,11 @@ LATER = (0.1, 0.2, 0.4, 0.8, 1.6)
 clock can't be slowed at once.
 """
 
+COPIES, BEHIND = 4, (0.02, 0.05, 0.1, 0.2, 0.4)
+"""Number of copies that are followed in turn, each slower than the one before, and parts of the
+time of a ramp for which a copy is followed before the next ramp.
+"""
+
 CLOCKS = ((150, 0.97), (300, 0.97), (300, 0.9), (300, 0.8), (300, 0.6))
 """Ways to slow the clock that are tried in turn: steps in the time of a ramp with constant bounds,
 and the share of the limits that a slow motion may use. A smaller share leaves more for mistakes.
@@ -215,14 +220,57 @@ def copy_by_clock(
         The number of phases of the ramp, and all phases; None if no ramp is legal.
     """
     for row in _beginnings(plan, time, later):
+        count, phases, wanted, rows = 0, plan, part, [row]
+        for _ in range(COPIES):
+            slower = _slower_copy(phases, rows, time, known, machine, wanted)
+            if slower is None:
+                break
+            count, phases, reached = slower
+            wanted /= reached
+            if wanted >= 1.0:
+                return count, phases
+            rows = [count + k for k in _beginnings(phases[count:], time, BEHIND)]
+    return None
+
+
+def _slower_copy(
+    plan: Phases,
+    rows: Sequence[int],
+    time: float,
+    known: Intervals,
+    machine: LimitArrays,
+    wanted: float,
+) -> tuple[int, Phases, float] | None:
+    """Return the plan up to a copy at a part of its speed, and that copy; None if there is none.
+
+    Args:
+        plan: the plan so far.
+        rows: the phases at which a ramp may begin, the first one first.
+        time: about that of a ramp to rest, s.
+        known: the intervals behind the start, farther than any ramp goes.
+        machine: the limits.
+        wanted: part of the speed that is wanted.
+
+    Returns:
+        The number of phases up to the copy, all phases, and the part of the speed of the copy. It
+        is above the wanted one where no ramp from that row leads farther.
+    """
+    slowest: tuple[int, Phases, float] | None = None
+    for row in rows:
         for steps, use in CLOCKS:
-            ramp, phases = slower_copy(plan[row:], known, machine, time / steps, use, part)
+            ramp, phases, part = slower_copy(plan[row:], known, machine, time / steps, use, wanted)
             if not ramp:
                 continue
             end = phases[ramp]["s"] if ramp < len(phases) else known.end[-1]
-            if _may_slow(known, plan[row]["s"], end):
-                return row + ramp, np.concatenate((plan[:row], phases))
-    return None
+            if not _may_slow(known, plan[row]["s"], end):
+                continue
+            if slowest is None or part < slowest[2]:
+                slowest = row + ramp, np.concatenate((plan[:row], phases)), part
+            if part <= wanted:
+                return slowest
+        if slowest is not None:
+            break
+    return slowest
 
 
 def _may_slow(known: Intervals, begin: float, end: float) -> bool:

@@ -193,6 +193,32 @@ def test_a_hold_of_slow_motion_is_tried_again_after_a_slice(tmp_path):
     assert end - requested <= SLICE + RAMPS_TO_REST * ramp
 
 
+@pytest.mark.parametrize(("before", "at", "percent"), [(60.0, 0.35, 1.0), (100.0, 1.45, 10.0)])
+def test_a_ramp_that_would_break_a_limit_goes_on_from_a_copy_slowed_by_less(
+    tmp_path, before, at, percent
+):
+    """The plan is at the limits of jerk; where it turns from one to another there is no ramp."""
+    rng = np.random.default_rng([30114406, FAMILIES.index("rosettes"), 48])
+    program = random_program("rosettes", rng, tmp_path)
+    feeds, control = feeds_of(program), Control(before)
+    ahead = LookAhead(program.machine, control)
+    requested, planned, above, end, ramp = math.nan, math.nan, [], 0.0, 0.0
+    for plan in ahead.plan(program.path):
+        if not isinstance(plan, PlanChunk):
+            continue
+        if not math.isnan(requested):
+            if math.isnan(planned) and ahead.feed_factor == percent / 100.0:
+                planned = end
+            if (time := last_above(plan, feeds, percent / 100.0)) is not None:
+                above.append(time - requested)
+        end = plan.t0 + plan.duration
+        if math.isnan(requested) and end >= at:
+            control.override(percent)
+            requested, ramp = end, stop_time_of_joints(plan, program.machine)
+    assert planned - requested <= 1.5 * SLICE
+    assert max(above) <= SLICE + RAMPS * ramp
+
+
 def test_a_motion_that_keeps_the_new_feed_for_a_while_is_planned_from_there(tmp_path):
     """A traverse has no feed, and ends slowly; the lines behind it are above the new feed."""
     rng = np.random.default_rng([30112611, FAMILIES.index("five axes"), 7])

@@ -67,6 +67,9 @@ PLACES = 40
 NEAR, FINER = 0.98, 0.25
 """Above this part of the plan's speed there is little space: steps are this much shorter."""
 
+LITTLE = 0.99
+"""A copy above this part of the plan's speed is not worth another ramp."""
+
 FALL = 0.02
 """Largest part of the speed that one step takes: so no step passes the start of the last phase."""
 
@@ -442,7 +445,7 @@ def write_copy(state: State, part: float, plan: Phases, out: Phases, count: int)
 @njit
 def slower_copy(
     plan: Phases, known: Intervals, machine: LimitArrays, dt: float, use: float, wanted: float
-) -> tuple[int, Phases]:
+) -> tuple[int, Phases, float]:
     """Return a ramp from the start of a plan to a copy of it at a part of its speed, and that copy.
 
     Args:
@@ -454,7 +457,9 @@ def slower_copy(
         wanted: part of the plan's speed; the copy may be slower by SLOWER of it.
 
     Returns:
-        The number of phases of the ramp, and all phases; 0 and none if there is no legal ramp.
+        The number of phases of the ramp, all phases, and the part of the plan's speed; 0 and none
+        if there is no legal ramp. Where a ramp to the wanted part would break a limit, the copy is
+        faster, see :func:`copy_sooner`.
     """
     limits = sum_limits(machine)
     about = Surroundings(plan, known, limits, np.empty((3, len(limits.a))))
@@ -482,7 +487,7 @@ def slower_copy(
                 else:
                     low = middle
             if slow < wanted * MUCH_SLOWER:
-                return 0, out[:0]
+                return 0, out[:0], 1.0
             if high < h:
                 behind = after(state, high, j)
             meets, there = meeting(behind, h, careful, about, out[count + 1 :])
@@ -490,28 +495,86 @@ def slower_copy(
         write_phase(out, count, h, state.s, state.v, state.a, j)
         stop = count + 1 + (meets if met else 0)
         end = there if met else behind
-        for m in range(count, stop):
-            row = out[m]
-            s_end = out[m + 1]["s"] if m + 1 < stop else end.s
-            worst, fastest, _ = largest_shares(
-                row["duration"],
-                row["s"],
-                row["v"],
-                row["a"],
-                row["j"],
-                s_end,
-                state.k,
-                known,
-                limits,
-                scratch,
-            )
-            if s_end <= row["s"] or s_end > known.end[-1] or max(worst, fastest) > 1.0 + TOUCH:
-                return 0, out[:0]
+        if not keeps_limits(out[count:stop], end.s, state.k, about, scratch):
+            return copy_sooner(out, count, dt, use, wanted, about)
         if met:
             part, _, end = pace(end, about)
-            return stop, out[: write_copy(end, part, plan, out, stop)]
+            return stop, out[: write_copy(end, part, plan, out, stop)], part
         count, state = stop, behind
-    return 0, out[:0]
+    return copy_sooner(out, count, dt, use, wanted, about)
+
+
+@njit
+def keeps_limits(
+    phases: Phases, s_end: float, k: int, about: Surroundings, scratch: Floats
+) -> bool:
+    """Return whether phases that end at ``s_end`` keep all limits.
+
+    Args:
+        phases: the phases.
+        s_end: arc length at their end, mm.
+        k: an interval at or before their start.
+        about: plan, path and limits.
+        scratch: (SCRATCH, axes).
+    """
+    for m in range(len(phases)):
+        row = phases[m]
+        end = phases[m + 1]["s"] if m + 1 < len(phases) else s_end
+        worst, fastest, _ = largest_shares(
+            row["duration"],
+            row["s"],
+            row["v"],
+            row["a"],
+            row["j"],
+            end,
+            k,
+            about.known,
+            about.limits,
+            scratch,
+        )
+        if end <= row["s"] or end > about.known.end[-1] or max(worst, fastest) > 1.0 + TOUCH:
+            return False
+    return True
+
+
+@njit
+def copy_sooner(
+    out: Phases, count: int, dt: float, use: float, wanted: float, about: Surroundings
+) -> tuple[int, Phases, float]:
+    """Return the part of a ramp from which the motion comes back to a copy, and that copy.
+
+    Where a ramp breaks a limit, the motion may be slower by a little before. A ramp from that copy
+    has more space.
+
+    Args:
+        out: the ramp; the copy is written to it.
+        count: number of its legal phases.
+        dt: duration of a step, s.
+        use: share of the limits that a slow motion may use.
+        wanted: part of the plan's speed; at less than MUCH_SLOWER of it there is no copy.
+        about: plan, path and limits.
+
+    Returns:
+        The number of phases of the ramp, all phases, and the part of the plan's speed; 0 and none
+        if there is no copy that is slower.
+    """
+    scratch = np.empty((SCRATCH, len(about.limits.a)))
+    back = 1
+    while back < count:
+        first = count - back
+        row = out[first]
+        part, _, state = pace(State(row["s"], row["v"], row["a"], 0, 0), about)
+        if part > LITTLE:
+            break
+        careful = use - part * (SPARE + SPARE_MORE * (1.0 - use))
+        meets, there = meeting(state, dt, careful, about, out[first:])
+        stop = first + meets
+        part, _, there = pace(there, about)
+        slower = meets > 0 and there.v > 0.0 and part >= wanted * MUCH_SLOWER
+        if slower and keeps_limits(out[first:stop], there.s, state.k, about, scratch):
+            return stop, out[: write_copy(there, part, about.plan, out, stop)], part
+        back *= 2
+    return 0, out[:0], 1.0
 
 
 @njit
