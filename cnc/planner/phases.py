@@ -207,9 +207,12 @@ def slice_end(phases: Phases, seconds: float, length: float) -> tuple[int, float
     left = float(part[0]["s"]) + length - s
     if left > 0.0:
         t = max(t, phase_time(v, a, j, duration, left))
-    if t < INSTANT and k > 0:
+    # What covers no length behind or before a joint of two pieces would count to the other piece.
+    here = phase_at(t, s, v, a, j)[0]
+    near, end = rounding_of(s), phase_at(duration, s, v, a, j)[0]
+    if (t < INSTANT or here - s <= near) and k > 0:
         return k, 0.0
-    return (k, t) if INSTANT <= t < duration - INSTANT else (k + 1, 0.0)
+    return (k, t) if INSTANT <= t < duration - INSTANT and end - here > near else (k + 1, 0.0)
 
 
 def release(phases: Phases, least: float) -> Phases | None:

@@ -329,6 +329,14 @@ def test_a_slice_ends_inside_the_last_phase_that_may_be_sent():
     assert slice_end(phases, 11.0, 0.0) == (2, 0.0)
 
 
+@pytest.mark.parametrize("beside", [-1.3e-6, 0.0, 2e-6])
+def test_a_slice_does_not_end_so_near_a_rest_that_it_covers_no_length(beside):
+    """It would count to the piece on the other side of the rest, whose limits differ."""
+    rows = [(1.0, 0.0, 1.0, -1.0, 0.0), (1.0, 0.5, 0.0, 0.0, 3000.0), (1.0, 500.5, 1.5e3, 0.0, 0.0)]
+    phases = np.array(rows, PHASE)
+    assert slice_end(phases, 1.0 + beside, 0.0) == (1, 0.0)
+
+
 def test_a_slice_that_is_left_at_the_end_of_the_path_has_a_piece():
     """Within the rounding error of a length, the end of the path is behind its last piece."""
     (whole,) = LookAhead(PER_AXIS).plan(

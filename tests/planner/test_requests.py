@@ -219,6 +219,21 @@ def test_a_ramp_that_would_break_a_limit_goes_on_from_a_copy_slowed_by_less(
     assert max(above) <= SLICE + RAMPS * ramp
 
 
+def test_a_slice_that_ends_just_behind_a_rest_is_legal(tmp_path):
+    """The two microseconds behind it cover no length, and belong to the next line."""
+    rng = np.random.default_rng([30110731, FAMILIES.index("five axes"), 4])
+    program = random_program("five axes", rng, tmp_path)
+    control, end = Control(60.0), 0.0
+    for plan in LookAhead(program.machine, control).plan(program.path):
+        if isinstance(plan, PlanChunk):
+            end = plan.t0 + plan.duration
+            if end >= 4.0:
+                break
+            if end >= 1.75:
+                control.override(200.0)
+    assert end >= 4.0
+
+
 def test_a_motion_that_keeps_the_new_feed_for_a_while_is_planned_from_there(tmp_path):
     """A traverse has no feed, and ends slowly; the lines behind it are above the new feed."""
     rng = np.random.default_rng([30112611, FAMILIES.index("five axes"), 7])
