@@ -51,7 +51,7 @@ from cnc.session.run_pulses import Progress
 from cnc.session.session import Session
 
 if TYPE_CHECKING:
-    from cnc.session.homing import AxisHoming, Squared
+    from cnc.session.homing import AxisHoming, Squared, Switched
 
 __all__ = [
     "Block",
@@ -328,6 +328,10 @@ def home(
 
     from cnc.session import homing  # a check does not need it
 
+    def on_result(result: Squared | Switched) -> None:
+        if on_squared is not None and isinstance(result, homing.Squared):
+            on_squared(result)
+
     try:
         if opened.takes == "lines":
             return dict(home_by_board(opened, known, axes, control or Control()))
@@ -340,7 +344,7 @@ def home(
             control=control,
             on_progress=on_progress,
             on_axis=on_axis,
-            on_squared=on_squared,
+            on_result=on_result,
         )
     finally:
         if owned:

@@ -16,7 +16,7 @@ from cyclopts.argument import ArgumentCollection
 import cnc
 from cnc import cli
 from cnc.cli.keyboard import Keyboard
-from cnc.cli.measuring import backlash, pitch, ringing, square
+from cnc.cli.measuring import backlash, limits, pitch, ringing, square
 from cnc.cli.messages import EXIT_PIPE, close_log, fail, internal_error, usage
 from cnc.cli.operate_commands import (
     TERMINAL,
@@ -124,12 +124,13 @@ app.command(mdi)
 app.command(height_map)
 measure = Application(
     name="measure",
-    help="Measure backlash, screws, squareness and ringing.",
+    help="Measure backlash, screws, squareness, limits, ringing.",
     help_format="plaintext",
 )
 measure.command(backlash)
 measure.command(pitch)
 measure.command(square)
+measure.command(limits)
 measure.command(ringing)
 app.command(measure)
 app.command(serve)

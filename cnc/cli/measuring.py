@@ -17,7 +17,7 @@ from cnc import cli
 from cnc.cli.keyboard import Keyboard
 from cnc.cli.operate_commands import TERMINAL, PortOption
 from cnc.cli.options import BoardOption, MachineOption, TerminalOptions, option
-from cnc.cli.signals import typed_line
+from cnc.cli.signals import OperatorSignals, typed_line
 from cnc.model.diagnostics import Diagnostic, UsageError, printable
 from cnc.model.operator_control import Control
 
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     import cnc.cli.operating
     from cnc.machine.compensation import ErrorPoint
     from cnc.machine.models import Machine
+    from cnc.measure.limits import Strokes
     from cnc.measure.procedures import Measured, Procedure, Scale
 
 AxisArgument = Annotated[str, Parameter(help="The axis, such as X.")]
@@ -128,6 +129,47 @@ def square(
         )
 
     return _measure(list(axes), begin, on_board)
+
+
+def limits(
+    axis: AxisArgument,
+    /,
+    *,
+    most: Annotated[float, option("Factor up to which the limits of the file are raised.")] = 2.0,
+    on_board: MeasureOptions = MEASURE,
+) -> int:
+    """Raise the limits of an axis until it loses steps, and write 70 % of the values.
+
+    The axis homes, then goes out and back ever faster. Its limit switch shows lost steps.
+    """
+    on_board.terminal.open_log(on_board.machine)
+    cli.load_library()
+    from cnc.measure.limits import UNITS
+    from cnc.operate import measuring
+
+    given, letter = cnc.load_machine(on_board.machine), axis.lower()
+    plain, control = measuring.uncompensated(given, [letter]), Control()
+    with measuring.opened(plain, on_board.board, on_board.port) as board, OperatorSignals(control):
+        test = measuring.LimitTest(board, plain, letter, control)
+        print(f"{letter.upper()} moves fast over most of its travel; Ctrl-C stops", file=sys.stderr)
+        raised = test.raised(most, lambda step: print(_strokes(step), file=sys.stderr))
+        rehearsed = board.traits.simulated
+    for name, value, error in raised.trials:
+        lost = "lost steps" if abs(error) > raised.allowed else "right"
+        print(f"{name:12} {value:10.4g} {UNITS[name]:7} {error:+9.4f} mm  {lost}")
+    print(printable(raised.measured.title), f"  {raised.measured.remark}", sep="\n")
+    if rehearsed or not raised.measured.keys:
+        reason = "the board is simulated, so " if rehearsed else ""
+        print(f"{reason}the limits of the machine file stay")
+        return 0
+    _write(raised.measured, given, yes=on_board.yes)
+    return 0
+
+
+def _strokes(step: Strokes) -> str:
+    velocity, acceleration, jerk = map(max, step.out, step.back)
+    numbers = f"{velocity:.4g} mm/s, {acceleration:.4g} mm/s^2"
+    return numbers if jerk == math.inf else f"{numbers}, {jerk:.4g} mm/s^3"
 
 
 def ringing(

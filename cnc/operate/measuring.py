@@ -3,12 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 
+from cnc.boards.protocols import PulseSink
+from cnc.boards.registry import open_board
 from cnc.machine.models import Machine
+from cnc.measure.limits import Bounds, Raised, Raising, Strokes, limits
 from cnc.measure.procedures import GoTo, Measured, Procedure, Scale
-from cnc.model.diagnostics import Diagnostic, UsageError
+from cnc.model.blocks import AxisLetter
+from cnc.model.diagnostics import BoardError, Diagnostic, UsageError
+from cnc.model.operator_control import Control, HomingStopped
+from cnc.operate.jogging import jog
+from cnc.operate.machines import PulseMachine
 from cnc.operate.operator_session import OperatorSession
+from cnc.session import homing
+from cnc.session.kernel_cache import load_kernels
+from cnc.session.kernel_needs import moving_jobs
+from cnc.session.program_reader import start_position
 
 LINEAR = "xyzuvw"
 Read = Callable[[str], float]
@@ -66,3 +78,139 @@ def carried_out(procedure: Procedure, session: OperatorSession, move: Move, read
     except StopIteration as end:
         result: Measured = end.value
         return result
+
+
+# Lost steps: an axis between two homings.
+
+
+@contextmanager
+def opened(machine: Machine, kind: str | None, port: str | None) -> Iterator[PulseSink]:
+    """Open a board with switches that plays pulses.
+
+    Raises:
+        UsageError: ``measure-board`` for a board that takes lines.
+        BoardError: The board does not answer.
+    """
+    board = open_board(machine, kind=kind, port=port, homes=True)
+    try:
+        if board.takes == "lines":
+            message = "a board that plans by itself does not tell where its switch closed"
+            hint = "its makers describe how to raise the limits by hand, such as $110 and $120"
+            raise UsageError(Diagnostic("measure-board", message, hint=hint))
+        load_kernels(moving_jobs(board))
+        yield board
+    finally:
+        board.close()
+
+
+class LimitTest:
+    """The search for the limits of an axis, on a board with its switch.
+
+    Args:
+        board: The board, idle.
+        machine: The machine, without compensation of this axis.
+        letter: The axis.
+        control: Requests of the operator.
+    """
+
+    def __init__(self, board: PulseSink, machine: Machine, letter: str, control: Control) -> None:
+        self.board, self.machine, self.control = board, machine, control
+        self.letter: AxisLetter = next(name for name in machine.axes if name == letter)
+        self._error = 0.0
+
+    def raised(self, most: float, on_step: Callable[[Strokes], None]) -> Raised:
+        """Home the axis, and raise its limits up to ``most`` times those of the machine file.
+
+        Args:
+            most: See :func:`cnc.measure.limits.limits`.
+            on_step: Called before each series of strokes.
+
+        Raises:
+            CncError: As :func:`cnc.session.homing.home` and :func:`cnc.measure.limits.limits`.
+            HomingStopped: The operator stopped the machine.
+        """
+        self._home()
+        machine, axis = self.machine, self.machine.axes[self.letter]
+        column = tuple(machine.axes).index(self.letter)
+        place = float(PulseMachine(self.board, machine).tip()[column])
+        path = machine.path
+        acceleration = axis.max_acceleration or path.max_tangential_acceleration or math.inf
+        jerk = axis.max_jerk or path.max_jerk or math.inf
+        rate = min(machine.board.max_step_rate, self.board.capabilities.max_step_rate)
+        scale = Scale(self.letter, axis.steps_per_mm, place, axis.travel or (place, place))
+        procedure = limits(
+            scale,
+            Bounds(axis.max_velocity, acceleration, jerk),
+            away=-homing.AxisHoming.of(machine, self.letter).towards,
+            fastest=rate / axis.steps_per_mm,
+            most=most,
+        )
+        return self._carried_out(procedure, on_step)
+
+    def _carried_out(self, procedure: Raising, on_step: Callable[[Strokes], None]) -> Raised:
+        answer, hit = 0.0, False
+        try:
+            step = next(procedure)
+            while True:
+                if isinstance(step, Strokes):
+                    on_step(step)
+                    hit = not self._strokes(step)
+                else:
+                    self._home()
+                    answer, hit = math.inf if hit else self._error, False
+                step = procedure.send(answer)
+        except StopIteration as end:
+            result: Raised = end.value
+            return result
+
+    def _home(self) -> None:
+        """Home the axis, and note by how much its switch closed elsewhere."""
+
+        def note(result: homing.Squared | homing.Switched) -> None:
+            if isinstance(result, homing.Switched):
+                self._error = result.error
+
+        start = start_position(self.machine)
+        homing.home(
+            self.board, self.machine, [self.letter], start, control=self.control, on_result=note
+        )
+
+    def _strokes(self, step: Strokes) -> bool:
+        """Go out and back; return False where the axis ran into a switch."""
+        column = tuple(self.machine.axes).index(self.letter)
+        start = PulseMachine(self.board, self.machine).tip()
+        for way in step.ways:
+            out = start.copy()
+            out[column] += way
+            for begin, end, bounds in ((start, out, step.out), (out, start, step.back)):
+                machine = self._under(bounds)
+                try:
+                    ended = jog(
+                        self.board, machine, begin, end, bounds.velocity, control=self.control
+                    )
+                except BoardError as error:
+                    if error.diagnostic.code != "board-limit":
+                        raise
+                    self.board.revive()
+                    return False
+                if not ended.finished or self.control.stopped:
+                    raise HomingStopped
+        return True
+
+    def _under(self, bounds: Bounds) -> Machine:
+        """Return the machine with other limits of the axis."""
+        limits_of_axis = {
+            "max_velocity": bounds.velocity,
+            "max_acceleration": bounds.acceleration,
+            "max_jerk": None if bounds.jerk == math.inf else bounds.jerk,
+        }
+        # The limits along the path would hide those of the axis.
+        along = {
+            "max_feed": bounds.velocity,
+            "max_tangential_acceleration": None,
+            "max_jerk": None,
+        }
+        axes = dict(self.machine.axes)
+        axes[self.letter] = axes[self.letter].model_copy(update=limits_of_axis)
+        path = self.machine.path.model_copy(update=along)
+        return self.machine.model_copy(update={"axes": axes, "path": path})

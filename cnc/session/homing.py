@@ -157,7 +157,7 @@ def homing_sequence(
     for letter in wanted:
         if letter not in with_switch:
             hint = (
-                f"the board has switches for {', '.join(with_switch)}; "
+                f"the board has switches for {', '.join(with_switch) or 'no axis'}; "
                 f"remove {letter} from the command or from homing.order"
             )
             raise UsageError(
@@ -347,6 +347,25 @@ FILE = "homing"
 """The file name of homing blocks, which belong to no program."""
 
 
+@dataclass(frozen=True, slots=True)
+class Switched:
+    """Where the switch of an axis closed whose position was known.
+
+    Attributes:
+        letter: Letter of the axis.
+        error: Its place, as it was counted, less that of the machine file, mm: lost steps.
+    """
+
+    letter: str
+    error: float
+
+    @property
+    def description(self) -> str:
+        """Description for the operator."""
+        letter = self.letter.upper()
+        return f"{letter}: its switch closed {self.error:+.4f} mm from where it was counted"
+
+
 class _Homing:
     """State of the homing of a machine."""
 
@@ -357,9 +376,9 @@ class _Homing:
         control: Control,
         on_progress: Callable[[Progress], None] | None,
         start: NDArray[np.float64],
-        on_squared: Callable[[Squared], None] | None = None,
+        on_result: Callable[[Squared | Switched], None] | None = None,
     ) -> None:
-        self.on_squared = on_squared
+        self.on_result = on_result or (lambda _: None)
         self.board = board
         self.machine = machine
         self.control = control
@@ -395,6 +414,7 @@ class _Homing:
             BoardError: ``homing-switch``, where its switch does not open or close as it must.
         """
         settings, letter = cycle.settings, cycle.letter.upper()
+        counted = self.known[cycle.column]
         closed = self.motor_switches(cycle)
         for motor in range(len(closed)):
             if self.motor_switches(cycle)[motor]:
@@ -412,8 +432,8 @@ class _Homing:
                 f"the switch of {letter} did not close within {cycle.longest:g} mm", hint
             )
         squared = square(self, cycle, began)
-        if squared is not None and self.on_squared is not None:
-            self.on_squared(squared)
+        if squared is not None:
+            self.on_result(squared)
         self.off(cycle)
         began = self.coordinate(cycle)
         if not self.go(cycle, LATCHES * settings.pull_off, settings.latch, until=True):
@@ -422,9 +442,12 @@ class _Homing:
             )
         square(self, cycle, began)
         tip = self.tip()
-        tip[cycle.column] = on_grid(self.machine, cycle, cycle.rest) + cycle.towards * on_grid(
+        place = on_grid(self.machine, cycle, cycle.rest) + cycle.towards * on_grid(
             self.machine, cycle, settings.pull_off
         )
+        if counted:
+            self.on_result(Switched(cycle.letter, float(tip[cycle.column]) - place))
+        tip[cycle.column] = place
         take_up = cycle.play if cycle.towards > 0 else 0.0
         tip[cycle.column] -= on_grid(self.machine, cycle, take_up)
         self.steps = np.rint(self.joints.at(tip) * self.steps_per_mm).astype(np.int64)
@@ -580,7 +603,7 @@ def home(
     control: Control | None = None,
     on_progress: Callable[[Progress], None] | None = None,
     on_axis: Callable[[AxisHoming], None] | None = None,
-    on_squared: Callable[[Squared], None] | None = None,
+    on_result: Callable[[Squared | Switched], None] | None = None,
 ) -> tuple[int | None, ...]:
     """Home axes one after the other.
 
@@ -592,7 +615,8 @@ def home(
         control: Requests of the operator.
         on_progress: Called with the progress.
         on_axis: Called with the cycle of each axis before it begins.
-        on_squared: Called with the difference that was found between the motors of an axis.
+        on_result: Called with the difference that was found between the motors of an axis, and
+            with the steps that an axis had lost whose position was known.
 
     Returns:
         Grid point of each joint, None where it is not known.
@@ -613,7 +637,7 @@ def home(
     plays = machine.plays_at_home
     if joints.home_alone:
         machine, start = joints.machine, joints.at(start)
-    homing = _Homing(board, machine, control or Control(), report, start, on_squared)
+    homing = _Homing(board, machine, control or Control(), report, start, on_result)
     for planned in homing_sequence(machine, homing.with_partners(axes, switches), switches):
         cycle = replace(planned, play=plays.get(planned.letter, 0.0))
         if on_axis is not None:
@@ -674,5 +698,5 @@ def home_pulse_board(context: SessionContext, board: PulseSink) -> None:
         context.reader.start,
         control=context.observer.control,
         on_progress=context.observer.sent,
-        on_squared=lambda squared: log.info("%s", squared.description),
+        on_result=lambda result: log.info("%s", result.description),
     )

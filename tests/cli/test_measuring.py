@@ -166,3 +166,22 @@ def test_modes_are_found_in_a_record(cncrun, tmp_path):
     code, _, err = cncrun("measure", "ringing", str(file))
     assert code == 2
     assert err.startswith("record-form: ")
+
+
+def test_limits_are_rehearsed_on_a_simulated_board_and_not_written(cncrun, mill):
+    """A simulated motor loses no step, so its limits say nothing about the machine."""
+    before = mill.read_text()
+    words = ("limits", "Y", "--most", "0.6", "--yes", "--machine", str(mill))
+    code, out, err = cncrun("measure", *words)
+    assert code == 0
+    assert "velocity            200 mm/s      +0.0000 mm  right\n" in out
+    assert out.endswith("the board is simulated, so the limits of the machine file stay\n")
+    assert "200 mm/s, 4000 mm/s^2, 2e+05 mm/s^3\n" in err
+    assert mill.read_text() == before
+
+
+def test_limits_on_a_board_that_plans_by_itself_are_refused(cncrun, mill):
+    words = ("limits", "X", "--board", "grbl-sim", "--machine", str(mill))
+    code, _, err = cncrun("measure", *words)
+    assert code == 2
+    assert "measure-board" in err
