@@ -69,6 +69,8 @@ class SimpleJob(BaseModel, ABC):
         yield f"({self.title}, depth {_n(self.depth)} mm. Zero of Z: the surface)"
         if self.tool:
             yield f"(T{self.tool} D={_n(self.diameter)} - {self.tool_kind})"
+        # G49: a length of the tool table would count a second time.
+        yield "(Set Z 0 with this tool. No tool length of a table is used)"
         yield "G21 G90 G17 G94 G40 G49 G80"
         if self.tool:
             yield f"T{self.tool} M6"
