@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from math import inf, sqrt
 from typing import NamedTuple
 
@@ -65,15 +66,18 @@ MORE = 0.01
 SHORT = 1e-12
 """s; shorter phases are left out."""
 
-LATER = (0.1, 0.2, 0.4, 0.8, 1.6)
+LATER = (0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6)
 """Parts of the time of a ramp with constant bounds for which the plan is followed before, where its
 clock can't be slowed at once.
 """
 
-COPIES, BEHIND = 4, (0.02, 0.05, 0.1, 0.2, 0.4)
-"""Number of copies that are followed in turn, each slower than the one before, and parts of the
-time of a ramp for which a copy is followed before the next ramp.
+LAST_END = LATER[-1] + 1.0
+"""Parts of that time after which the ramp that begins last has ended. Until then it is behind the
+plan.
 """
+
+COPIES = 4
+"""Number of copies that are followed in turn, each slower than the one before."""
 
 CLOCKS = ((150, 0.97), (300, 0.97), (300, 0.9), (300, 0.8), (300, 0.6))
 """Ways to slow the clock that are tried in turn: steps in the time of a ramp with constant bounds,
@@ -219,9 +223,10 @@ def copy_by_clock(
     Returns:
         The number of phases of the ramp, and all phases; None if no ramp is legal.
     """
-    for row in _beginnings(plan, time, later):
+    # One ramp is best: it rises nowhere.
+    for copies, row in product((1, COPIES), _beginnings(plan, time, later)):
         count, phases, wanted, rows = 0, plan, part, [row]
-        for _ in range(COPIES):
+        for _ in range(copies):
             slower = _slower_copy(phases, rows, time, known, machine, wanted)
             if slower is None:
                 break
@@ -229,7 +234,7 @@ def copy_by_clock(
             wanted /= reached
             if wanted >= 1.0:
                 return count, phases
-            rows = [count + k for k in _beginnings(phases[count:], time, BEHIND)]
+            rows = [count + k for k in _beginnings(phases[count:], time, LATER[:5])]
     return None
 
 
@@ -509,6 +514,11 @@ def slower_plan(request: Request, slow_from: float) -> SlowerPlan | None:
     if firm is None:
         return None
     time = float(firm["duration"].sum())
+    # Near a pole the joints go far on a short path: a ramp takes longer than the length tells.
+    last = int(np.searchsorted(np.cumsum(plan["duration"]), LAST_END * time)) + 1
+    last_end = float(plan[last]["s"]) if last < len(plan) else request.goal
+    if last_end > end:
+        near = path.intervals(slowing, s, last_end)
     found = copy_by_clock(plan, time, lowered(near), slowing.arrays, part)
     if found is None or exceeding_sections(path, found[1][: found[0]], near):
         if _time_to_rest(plan) > AT_REST * time:

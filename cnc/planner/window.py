@@ -450,7 +450,8 @@ class Window:
         self._rebase()
         plan, (goal, rests) = self._plan, self._path.goal(self._at)
         request = Request(self._path, plan.phases, self._at, goal, rests, False)
-        if self.caution or not self._redirect(request):
+        there = goal <= self._at + rounding_of(self._at)
+        if there or self.caution or not self._redirect(request):
             plan.settled = first_steady(plan.phases)
         self.unproved = True
 

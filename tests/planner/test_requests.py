@@ -219,6 +219,37 @@ def test_a_ramp_that_would_break_a_limit_goes_on_from_a_copy_slowed_by_less(
     assert max(above) <= SLICE + RAMPS * ramp
 
 
+def test_a_lower_feed_near_a_pole_is_kept_though_a_ramp_is_longer_than_the_path_tells(tmp_path):
+    """The joints go so far on the short path that the limits along it hide the way of a ramp."""
+    rng = np.random.default_rng([30110731, FAMILIES.index("five axes"), 26])
+    program = random_program("five axes", rng, tmp_path)
+    feeds, control = feeds_of(program), Control(60.0)
+    requested, above, ramp = math.nan, [], 0.0
+    for plan in LookAhead(program.machine, control).plan(program.path):
+        if not isinstance(plan, PlanChunk):
+            continue
+        end = plan.t0 + plan.duration
+        if not math.isnan(requested):
+            if (time := last_above(plan, feeds, 0.01)) is not None:
+                above.append(time - requested)
+            if end > requested + 1.0:
+                break
+        elif end >= 10.85:
+            control.override(1.0)
+            requested, ramp = end, stop_time_of_joints(plan, program.machine)
+    assert max(above) <= SLICE + RAMPS * ramp
+
+
+def test_a_ramp_that_comes_to_rest_at_the_end_of_the_path_is_followed_to_it(tmp_path):
+    """Behind the ramp the copy has one phase, which covers no length."""
+    rng = np.random.default_rng([30110731, FAMILIES.index("short segments"), 33])
+    program = random_program("short segments", rng, tmp_path)
+    answered(program, rng)
+    answer = answered(program, rng)
+    assert answer is not None
+    assert answer.delay <= 1.5 * SLICE
+
+
 def test_a_slice_that_ends_just_behind_a_rest_is_legal(tmp_path):
     """The two microseconds behind it cover no length, and belong to the next line."""
     rng = np.random.default_rng([30110731, FAMILIES.index("five axes"), 4])
