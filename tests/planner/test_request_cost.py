@@ -9,6 +9,7 @@ import pytest
 import cnc.planner.known_path as section_module
 from cnc.model.blocks import PathMode
 from cnc.path.chunk import PathChunk
+from cnc.planner import slowing
 from cnc.planner.kernels import fastest
 from cnc.planner.kernels.arrays import PHASE
 from cnc.planner.kernels.cells import Stretch, describe, plan_cells
@@ -137,3 +138,23 @@ def test_a_ramp_that_is_too_short_is_given_up_soon(length, possible, monkeypatch
     legal, made = descents_of(ramp, between(whole, 0.0, s), limits, monkeypatch)
     assert legal == possible
     assert made <= 20
+
+
+def test_the_ramps_that_are_tried_for_a_lower_feed_are_few(monkeypatch):
+    """On a plan that no clock slows, each ramp makes some way and leaves more to do."""
+    count = 0
+
+    def little(plan, *_):
+        nonlocal count
+        count += 1
+        return 1, plan, 0.98
+
+    monkeypatch.setattr(slowing, "slower_copy", little)
+    plan = np.array([(0.001, 0.1 * k, 100.0, 0.0, 0.0) for k in range(1000)], PHASE)
+    chunk = bent_path(1)
+    path = KnownPath(Limits.of(machine(axis=(800.0, 9000.0))))
+    path.add(chunk, None, None)
+    known = path.intervals(path.limits, 0.0, float(chunk.length.sum()))
+    calm = known._replace(flat=np.zeros_like(known.flat))
+    assert slowing.copy_by_clock(plan, 0.2, calm, path.limits.arrays, 0.1) is None
+    assert count == slowing.MOST_RAMPS
