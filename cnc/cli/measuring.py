@@ -39,17 +39,24 @@ class MeasureOptions:
     """Options of all measurements."""
 
     yes: Annotated[bool, option("Write the machine file without a question.")] = False
-    unhomed: Annotated[bool, option("Move although the machine is not homed.")] = False
-    feed: Annotated[
-        float | None, option("Speed, mm/min; by default the highest that stops within 0.2 s.")
-    ] = None
     machine: MachineOption = None
     board: BoardOption = None
     port: PortOption = None
     terminal: TerminalOptions = TERMINAL
 
 
-MEASURE = MeasureOptions()
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class GaugeOptions(MeasureOptions):
+    """Options of measurements with a gauge, beside which the axes move slowly."""
+
+    unhomed: Annotated[bool, option("Move although the machine is not homed.")] = False
+    feed: Annotated[
+        float | None, option("Speed, mm/min; by default the highest that stops within 0.2 s.")
+    ] = None
+
+
+MEASURE, GAUGE = MeasureOptions(), GaugeOptions()
 
 
 def backlash(
@@ -58,7 +65,7 @@ def backlash(
     *,
     reverse: Annotated[float, option("The way back, mm; more than the backlash.")] = 0.5,
     repeats: Annotated[int, option("Reversals.")] = 3,
-    on_board: MeasureOptions = MEASURE,
+    on_board: GaugeOptions = GAUGE,
 ) -> int:
     """Measure the play of a nut with a dial gauge, and write axes.x.backlash.
 
@@ -81,7 +88,7 @@ def pitch(
     last: Annotated[float, option("The highest place, mm.")],
     places: Annotated[int, option("Number of places.")] = 11,
     both: Annotated[bool, option("Come to each place from above too: the backlash there.")] = False,
-    on_board: MeasureOptions = MEASURE,
+    on_board: GaugeOptions = GAUGE,
 ) -> int:
     """Measure the errors of a screw with a scale or blocks, and write axes.x.error_table.
 
@@ -107,7 +114,7 @@ def square(
         Literal["plus", "minus"], option("Direction of the axis to which the plunger points.")
     ] = "plus",
     once: Annotated[bool, option("Do not turn the square over: its own error stays in.")] = False,
-    on_board: MeasureOptions = MEASURE,
+    on_board: GaugeOptions = GAUGE,
 ) -> int:
     """Measure the angle between two axes with a square and a gauge, and write machine.squareness.
 
@@ -149,7 +156,11 @@ def limits(
 
     given, letter = cnc.load_machine(on_board.machine), axis.lower()
     plain, control = measuring.uncompensated(given, [letter]), Control()
-    with measuring.opened(plain, on_board.board, on_board.port) as board, OperatorSignals(control):
+    with (
+        measuring.opened(plain, on_board.board, on_board.port) as board,
+        OperatorSignals(control) as signals,
+    ):
+        signals.moving = True
         test = measuring.LimitTest(board, plain, letter, control)
         print(f"{letter.upper()} moves fast over most of its travel; Ctrl-C stops", file=sys.stderr)
         raised = test.raised(most, lambda step: print(_strokes(step), file=sys.stderr))
@@ -200,7 +211,7 @@ def ringing(
 def _measure(
     axes: Sequence[str],
     begin: Callable[[Sequence[Scale]], Procedure],
-    on: MeasureOptions,
+    on: GaugeOptions,
     *,
     needs_home: bool = False,
 ) -> int:

@@ -180,6 +180,22 @@ def test_limits_are_rehearsed_on_a_simulated_board_and_not_written(cncrun, mill)
     assert mill.read_text() == before
 
 
+def test_ctrl_c_brings_the_axis_to_rest_while_its_limits_are_raised(cncrun, mill, monkeypatch):
+    monkeypatch.setattr("cnc.cli.measuring._strokes", lambda _: signal.raise_signal(signal.SIGINT))
+    code, out, err = cncrun("measure", "limits", "X", "--machine", str(mill))
+    assert (code, out) == (130, "")
+    ending = "stopped by the operator; the position of the axis that was homing is not known\n"
+    assert err.endswith(ending)
+
+
+@pytest.mark.parametrize("words", [("--feed", "100"), ("--unhomed",)])
+def test_limits_refuse_the_options_of_a_gauge(cncrun, mill, words):
+    """They would have no effect: the axis homes, and its speed is what is measured."""
+    code, _, err = cncrun("measure", "limits", "X", *words, "--machine", str(mill))
+    assert code == 2
+    assert words[0] in err
+
+
 def test_limits_on_a_board_that_plans_by_itself_are_refused(cncrun, mill):
     words = ("limits", "X", "--board", "grbl-sim", "--machine", str(mill))
     code, _, err = cncrun("measure", *words)
