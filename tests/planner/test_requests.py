@@ -219,9 +219,18 @@ def test_a_ramp_that_would_break_a_limit_goes_on_from_a_copy_slowed_by_less(
     assert max(above) <= SLICE + RAMPS * ramp
 
 
-def test_a_lower_feed_near_a_pole_is_kept_though_a_ramp_is_longer_than_the_path_tells(tmp_path):
-    """The joints go so far on the short path that the limits along it hide the way of a ramp."""
-    rng = np.random.default_rng([30110731, FAMILIES.index("five axes"), 26])
+NEAR_A_POLE = [
+    # The joints go so far on the short path that the limits along it hide the way of a ramp.
+    (30110731, 26, 1.0, 10.85),
+    # A ramp is found where the motion is faster, 0.05 s later.
+    (30113001, 19, 10.0, 1.75),
+]
+"""Seeds and programs, per cent of the feeds, and the time of the request, s."""
+
+
+@pytest.mark.parametrize(("seed", "number", "percent", "moment"), NEAR_A_POLE)
+def test_a_lower_feed_is_kept_in_time_near_a_pole(seed, number, percent, moment, tmp_path):
+    rng = np.random.default_rng([seed, FAMILIES.index("five axes"), number])
     program = random_program("five axes", rng, tmp_path)
     feeds, control = feeds_of(program), Control(60.0)
     requested, above, ramp = math.nan, [], 0.0
@@ -230,12 +239,12 @@ def test_a_lower_feed_near_a_pole_is_kept_though_a_ramp_is_longer_than_the_path_
             continue
         end = plan.t0 + plan.duration
         if not math.isnan(requested):
-            if (time := last_above(plan, feeds, 0.01)) is not None:
+            if (time := last_above(plan, feeds, percent / 100.0)) is not None:
                 above.append(time - requested)
             if end > requested + 1.0:
                 break
-        elif end >= 10.85:
-            control.override(1.0)
+        elif end >= moment:
+            control.override(percent)
             requested, ramp = end, stop_time_of_joints(plan, program.machine)
     assert max(above) <= SLICE + RAMPS * ramp
 

@@ -16,7 +16,7 @@ from cnc.machine.models import Machine
 from cnc.model.blocks import Block, Held, PathMode
 from cnc.model.operator_control import Control
 from cnc.path.chunk import PathChunk
-from cnc.path.kernels.curve import curve_eval
+from cnc.path.kernels.curve import LINE, curve_eval
 from cnc.planner.kernels.timed import is_timed, timed_motion
 from cnc.planner.limits import Limits
 from cnc.planner.lookahead import LookAhead
@@ -146,6 +146,44 @@ def line_begins(plans: list[PlanChunk]) -> dict[int, float]:
     return begins
 
 
+def straights(plans: list[PlanChunk], line: int) -> list[tuple[float, np.ndarray]]:
+    """Return the straight motion of a line: times, s, and places (axes,)."""
+    points = []
+    for plan in plans:
+        for k in np.flatnonzero((plan.path.line == line) & (plan.path.kind == LINE)).tolist():
+            low = max(float(plan.piece_s[k]), float(plan.phase_s[0]))
+            high = min(float(plan.piece_s[k + 1]), float(plan.phase_s[-1]))
+            inside = plan.phase_s[(plan.phase_s > low) & (plan.phase_s < high)].tolist()
+            for s in (low, *inside, high):
+                q = np.empty((4, len(plan.path.axes)))
+                along = min(max(s - float(plan.piece_s[k]), 0.0), float(plan.path.length[k]))
+                curve_eval(LINE, plan.path.data, int(plan.path.at[k]), along, q)
+                time = plan.t0 + float(np.interp(s, plan.phase_s, plan.phase_t))
+                points.append((time, q[0].copy()))
+    return points
+
+
+def begins_at_one_place(
+    mine: list[PlanChunk], theirs: list[PlanChunk], line: int
+) -> tuple[float, float]:
+    """Return the times at which two runs are at one place, where both are on a line for the first.
+
+    Past a corner the place at which a line begins depends on the speed, and the way too: so it is
+    one on the straight, if the line is one in both.
+    """
+    here, there = straights(mine, line), straights(theirs, line)
+    if len(here) < 2 or len(there) < 2:
+        return line_begins(mine)[line], line_begins(theirs)[line]
+    way = here[-1][1] - here[0][1]
+    along = [[float((place - here[0][1]) @ way) for _, place in run] for run in (here, there)]
+    first = max(each[0] for each in along)
+    one, other = (
+        float(np.interp(first, each, [time for time, _ in run]))
+        for each, run in zip(along, (here, there), strict=True)
+    )
+    return one, other
+
+
 def last_above(plan: PlanChunk, feeds: dict[int, float], factor: float) -> float | None:
     """Return the last time at which a plan is above its feeds times a factor, s; None for never."""
     path, count = plan.path, len(plan.path)
@@ -258,5 +296,6 @@ def answered(
     if after:
         line = min(after, key=mine.__getitem__)
         last = at_feed[-1].t0 + at_feed[-1].duration
-        behind = (end - mine[line]) - (last - theirs[line])
+        one, other = begins_at_one_place(sent, at_feed, line)
+        behind = (end - one) - (last - other)
     return Answer(request, planned - requested, chain, effect - requested, ramp, behind)
