@@ -26,7 +26,13 @@ ACCEPTED = 0.5 * TOLERANCE
 
 
 def accepted_plan(
-    path: KnownPath, start: float, goal: float, v_start: float, idle: float = 0.0
+    path: KnownPath,
+    start: float,
+    goal: float,
+    v_start: float,
+    idle: float = 0.0,
+    *,
+    refined: bool = True,
 ) -> tuple[int, Phases, Intervals]:
     """Plan from ``start`` to rest at ``goal``, with intervals that are fine enough.
 
@@ -36,6 +42,7 @@ def accepted_plan(
         goal: arc length of the rest.
         v_start: speed at the start, mm/s.
         idle: time of motion before in which nothing was planned, s.
+        refined: whether the plan may be refined.
 
     Returns:
         The status and the phases of :func:`cnc.planner.phases.plan_to_rest`, and the intervals.
@@ -45,7 +52,7 @@ def accepted_plan(
         intervals = path.intervals(limits, start, goal)
         if v_start == 0.0:
             intervals = open_at_start(intervals)
-        status, phases = plan_to_rest(start, intervals, v_start, limits, idle=idle)
+        status, phases = plan_to_rest(start, intervals, v_start, limits, refined=refined, idle=idle)
         if status != PLANNED:
             return status, phases, intervals
         exceeding = exceeding_sections(path, phases, intervals)

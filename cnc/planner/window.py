@@ -133,12 +133,20 @@ class Window:
             current one does.
     """
 
-    def __init__(self, limits: Limits, stops_known: float = STOPS_KNOWN) -> None:
-        """Create an empty window; ``stops_known``: see STOPS_KNOWN."""
+    def __init__(
+        self, limits: Limits, stops_known: float = STOPS_KNOWN, *, refines: bool = True
+    ) -> None:
+        """Create an empty window.
+
+        Args:
+            limits: of the machine.
+            stops_known: see STOPS_KNOWN.
+            refines: whether plans are refined.
+        """
         self.clock = RunClock()
         self.unproved = False
         self.caution = 0
-        self._stops_known = stops_known
+        self._stops_known, self._refines = stops_known, refines
         self._path = KnownPath(limits)
         self._at = 0.0
         self._plan = CurrentPlan(NO_PHASES.copy(), 0.0, 0, 0, 0, 1, -inf, limits)
@@ -219,7 +227,9 @@ class Window:
             path = path.under(path.limits.slower(MORE_SLOWLY**self.caution))
         goal, rests = path.goal(self._at)
         v = float(plan.phases[0]["v"]) if len(plan.phases) else 0.0
-        status, phases, intervals = accepted_plan(path, self._at, goal, v, self._idle())
+        status, phases, intervals = accepted_plan(
+            path, self._at, goal, v, self._idle(), refined=self._refines
+        )
         if status == START_TOO_FAST and len(plan.phases):
             # The last plan is legal to its end: follow it to a point without acceleration, and try
             # again from there.

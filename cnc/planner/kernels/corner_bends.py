@@ -235,14 +235,21 @@ def turned_along(place: Place, h1: float, h2: float, ramp: Ramp, bend: Bend, sca
 PARTS = 4
 """Speeds at the apex that are rated, but one."""
 
-HALVINGS = 20
-"""Halvings of a range of speeds at the apex."""
+SPEED_STEPS, NEAR_SWING, LEAST_POWER = 20, 0.9999, 0.3
+"""Largest number of steps to the speed for which a blend swings so far, the part of the swing that
+is near enough, and the least power of the speed with which the swing grows.
+"""
 
 SHRINKINGS = 12
 """Times that a blend is made smaller until the legs have room for it."""
 
 SMALLER = 0.98
 """Part of the room that such a blend takes at most."""
+
+ROOM_STEPS, NEAR_ROOM = 10, 0.9995
+"""Largest number of steps to the fastest blend for which there is room, and the part of the room
+that it is to take.
+"""
 
 TURN_STEPS, SCALE_STEPS = 20, 20
 """Largest number of steps to the angle phi, and to the factor on the radius."""
@@ -426,7 +433,7 @@ def _half(
                 power = max(1.0, math.log(-end.y / was) / math.log(scale / before))
     elif out <= tolerance:
         radius = radius_at(speed_at(parallel.t, ramp), bend)
-        turned = math.sqrt(out / radius)
+        turned, power, before, was = math.sqrt(out / radius), 2.0, 0.0, 0.0
         for _ in range(TURN_STEPS):
             turned = min(turned, WIDEST)
             end = turned_along(parallel, 0.0, turned, ramp, bend, 1.0)
@@ -435,7 +442,10 @@ def _half(
             if abs(gained - out) <= CLOSE * out or (turned == WIDEST and gained < out):
                 break
             # It grows about as the square of the angle.
-            turned *= math.sqrt(out / gained)
+            if was > 0.0 and turned != before:
+                power = max(1.0, math.log(gained / was) / math.log(turned / before))
+            before, was = turned, gained
+            turned *= (out / gained) ** (1.0 / power)
     reach = inside * math.sin(half_turn) + end.x
     fits = out <= tolerance and reach <= side.room and turned < WIDEST
     time = math.inf
@@ -465,10 +475,65 @@ def _blend(
 
 
 @njit
-def _without_swing(v: float, half_turn: float, inside: float, side: Side, bend: Bend) -> bool:
-    """Return whether the half with that speed at the apex stays inside."""
+def _swing(v: float, half_turn: float, inside: float, side: Side, bend: Bend) -> float:
+    """Return how far the half with that speed at the apex is from it when it is parallel to the leg.
+
+    In distances of the apex from the leg: a half that goes farther swings to the outside.
+    """
     end = turned_along(Place(0.0, 0.0, 0.0, 0.0), -half_turn, 0.0, _ramp(v, side, bend), bend, 1.0)
-    return -end.y <= inside * math.cos(half_turn)
+    return -end.y / (inside * math.cos(half_turn))
+
+
+@njit
+def _taken(blend: Blend, sides: tuple[Side, Side]) -> float:
+    """Return the largest part of the room, or of the largest phi, that a blend takes."""
+    before, after = blend.before, blend.after
+    room = max(before.reach / sides[0].room, after.reach / sides[1].room)
+    return max(room, before.turned / WIDEST, after.turned / WIDEST)
+
+
+@njit
+def _speed_of_swing(
+    most: float,
+    low: float,
+    feed: float,
+    half_turn: float,
+    inside: float,
+    sides: tuple[Side, Side],
+    bend: Bend,
+) -> float:
+    """Return about the largest speed at the apex for which both halves swing by ``most`` or less.
+
+    Args:
+        most: see _swing.
+        low: a speed for which they do, mm/s; 0 for none that is known.
+        feed: largest speed.
+        half_turn: theta/2, rad.
+        inside: distance of the apex from the corner, mm.
+        sides: the legs.
+        bend: the least radius.
+    """
+    v, high, power = feed, feed, 2.0
+    before = was = 0.0
+    for _ in range(SPEED_STEPS):
+        swing = max(
+            _swing(v, half_turn, inside, sides[0], bend),
+            _swing(v, half_turn, inside, sides[1], bend),
+        )
+        if swing <= most:
+            low = v
+            if v == feed or swing >= NEAR_SWING * most:
+                break
+        else:
+            high = v
+        # The swing grows about as a power of the speed, from 0 to 2.
+        if was > 0.0 and v != before and swing != was:
+            power = max(math.log(swing / was) / math.log(v / before), LEAST_POWER)
+        before, was = v, swing
+        v *= (0.5 * (1.0 + NEAR_SWING) * most / swing) ** (1.0 / power)
+        if not low < v < high:
+            v = 0.5 * (low + high)
+    return low
 
 
 @njit
@@ -485,44 +550,46 @@ def fastest_blend(
         bend: the least radius.
     """
     half_turn = math.asin(sine)
-    inside = WITHIN * tolerance
+    inside, outside = WITHIN * tolerance, OUTSIDE * tolerance
     for side in sides:
         if side.rests:
             feed = min(feed, reachable_speed(0.0, side.length, side.line.a, side.line.j))
     best, low = no_blend(), 0.0
     for _ in range(SHRINKINGS):
-        low, high = 0.0, feed
-        for k in range(HALVINGS):
-            v = high if k == 0 else 0.5 * (low + high)
-            if _without_swing(v, half_turn, inside, sides[0], bend) and _without_swing(
-                v, half_turn, inside, sides[1], bend
-            ):
-                low = v
-                if k == 0:
-                    break
-            else:
-                high = v
+        swing = 1.0 + LEAST_OUT * outside / (inside * math.cos(half_turn))
+        low = _speed_of_swing(swing, 0.0, feed, half_turn, inside, sides, bend)
         if low == 0.0:
             return best
-        best = _blend(low, half_turn, inside, OUTSIDE * tolerance, sides, bend)
+        best = _blend(low, half_turn, inside, outside, sides, bend)
         if best.time < math.inf:
             break
         over = max(best.before.reach / sides[0].room, best.after.reach / sides[1].room)
         inside *= min(SMALLER, SMALLER / over)
     if not best.time < math.inf or low >= feed:
         return best
-    high, most = feed, low
-    for k in range(HALVINGS):
-        v = high if k == 0 else 0.5 * (most + high)
-        if _blend(v, half_turn, inside, OUTSIDE * tolerance, sides, bend).time < math.inf:
-            most = v
-            if k == 0:
-                break
-        else:
-            high = v
+    swing = 1.0 + outside / (inside * math.cos(half_turn))
+    high = _speed_of_swing(swing, low, feed, half_turn, inside, sides, bend)
+    other = _blend(high, half_turn, inside, outside, sides, bend)
+    if other.time == math.inf:
+        # The way to the outside grows with the speed, and phi about as its root.
+        above, under, over = high - low, _taken(best, sides), _taken(other, sides)
+        least, most = 0.0, 1.0
+        for k in range(ROOM_STEPS):
+            # Every other step halves the range: the others may come from one side alone.
+            secant = k % 2 == 0 and over > 1.0 > under
+            part = (NEAR_ROOM - under) / (over - under) if secant else 0.5
+            x = least + (most - least) * min(max(part, 0.01), 0.99)
+            other = _blend(low + above * x * x, half_turn, inside, outside, sides, bend)
+            if other.time < math.inf:
+                least, under = x, _taken(other, sides)
+                if under > 2.0 * NEAR_ROOM - 1.0:
+                    break
+            else:
+                most, over = x, _taken(other, sides)
+        high = low + above * least * least
     for part in range(1, PARTS + 1):
-        v = low + (most - low) * part / PARTS
-        other = _blend(v, half_turn, inside, OUTSIDE * tolerance, sides, bend)
+        v = low + (high - low) * part / PARTS
+        other = _blend(v, half_turn, inside, outside, sides, bend)
         if other.time < best.time:
             best = other
     return best
