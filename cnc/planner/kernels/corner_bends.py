@@ -476,7 +476,7 @@ def _blend(
 
 @njit
 def _swing(v: float, half_turn: float, inside: float, side: Side, bend: Bend) -> float:
-    """Return how far the half with that speed at the apex is from it when it is parallel to the leg.
+    """Return how far from the apex the half with that speed there is when parallel to the leg.
 
     In distances of the apex from the leg: a half that goes farther swings to the outside.
     """
