@@ -10,6 +10,9 @@ from cnc.machine.models import Axis, Machine, PathLimits
 from cnc.model.blocks import PathMode, Polyline
 from cnc.path.build import build
 from cnc.path.kernels.curve import LINE
+from cnc.planner.kernels.corner_bends import OUTSIDE, WITHIN, Bend, Side, fastest_blend
+from cnc.planner.kernels.corner_bends import _blend as blend_at
+from cnc.planner.kernels.legs import LineBounds
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
 from cnc.session.pipeline import path_of
@@ -142,3 +145,24 @@ def test_a_corner_of_a_short_leg_beside_a_curve_has_a_blend():
     )
     chunks = [item for item in LookAhead(mill).plan(path) if isinstance(item, PlanChunk)]
     assert min(chunk.phase_v[1:-1].min() for chunk in chunks) > 5.0
+
+
+@pytest.mark.parametrize("seed", range(share(200, 12)))
+def test_no_speed_at_the_apex_gives_a_faster_blend(seed):
+    """All speeds are tried in small steps, where the blend has room at the whole tolerance."""
+    rng = np.random.default_rng([seed, 5])
+    tolerance, half_turn = 10 ** rng.uniform(-3.0, -1.0), math.radians(rng.uniform(8.0, 80.0))
+    accel = 10 ** rng.uniform(2.3, 4.0)
+    line = LineBounds(300.0, accel, accel * 10 ** rng.uniform(0.7, 2.0))
+    legs = tolerance * 10 ** rng.uniform(2.0, 2.6, 2)
+    sides = tuple(Side(0.49 * leg, 0.5 * leg, False, line) for leg in legs)
+    normal = accel * rng.uniform(0.7, 2.0)
+    bend = Bend(1.0 / normal, 0.0, math.inf, 0.0, 0.005 * tolerance, normal, math.radians(15.0))
+    feed = 10 ** rng.uniform(0.7, 2.5)
+    best = fastest_blend(math.sin(half_turn), tolerance, feed, sides, bend)
+    assert best.inside == WITHIN * tolerance, "the case shows nothing"
+    speeds = np.linspace(0.0, feed, 2001)[1:].tolist()
+    times = [
+        blend_at(v, half_turn, best.inside, OUTSIDE * tolerance, sides, bend).time for v in speeds
+    ]
+    assert best.time <= 1.003 * min(times)

@@ -10,13 +10,17 @@ from cnc.kinematics.delta import Delta
 from cnc.machine.models import Axis, Machine
 from cnc.model.blocks import PathMode
 from cnc.path.build import build
+from cnc.path.chunk import PathChunk
 from cnc.path.fit import Alternatives
+from cnc.planner import phases
 from cnc.planner.joints import Joints
+from cnc.planner.kernels.refine import refine
+from cnc.planner.lookahead import with_faster_paths
 from cnc.planner.plan import PlanChunk
 from cnc.session.pipeline import path_of
 from tests.planner.test_random_corners import random_chain, random_mill
 from tests.support.planner.corners import duration, planned
-from tests.support.planner.motions import AXES, lines
+from tests.support.planner.motions import AXES, lines, machine
 from tests.support.soak import share
 
 
@@ -59,6 +63,29 @@ def test_programs_are_planned_with_the_choice(tmp_path):
     chunks = [item for item in plan(file, mill) if isinstance(item, PlanChunk)]
     faster = duration(planned(points, tolerance, mill, feed / 60.0, chooses=True)[0])
     assert duration(chunks) == pytest.approx(faster, rel=1e-6)
+
+
+@pytest.mark.parametrize(("limits", "refined"), [("path", False), ("axis", True)])
+def test_trials_are_refined_only_where_it_changes_the_choice(limits, refined, monkeypatch):
+    """Along the path a refinement saves about as much on both paths, and takes most of the time."""
+    mill = (
+        machine(tangential=1000.0, normal=1000.0, jerk=20_000.0)
+        if limits == "path"
+        else machine(axis=(1000.0, 20_000.0), tangential=None, normal=None, jerk=None)
+    )
+    heading = np.radians(np.cumsum([0.0, 70.0, -50.0, 80.0, -60.0, 40.0]))
+    steps = np.stack((np.cos(heading), np.sin(heading), 0.0 * heading), axis=1)
+    moves = [PathMode("t.nc", 1, "blend", 0.1), lines(np.cumsum(steps, axis=0), 50.0)]
+    offered = build(moves, axes=AXES, start=np.zeros(3), offers_corners=True)
+    refinements = []
+
+    def counted(*arguments):
+        refinements.append(arguments)
+        return refine(*arguments)
+
+    monkeypatch.setattr(phases, "refine", counted)
+    assert any(isinstance(item, PathChunk) for item in with_faster_paths(offered, mill))
+    assert bool(refinements) == refined
 
 
 def test_no_choice_where_the_pose_sets_the_time():
