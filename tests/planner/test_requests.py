@@ -219,6 +219,19 @@ def test_a_ramp_that_would_break_a_limit_goes_on_from_a_copy_slowed_by_less(
     assert max(above) <= SLICE + RAMPS * ramp
 
 
+def test_a_window_without_a_legal_result_leaves_work_for_the_next_ones(tmp_path):
+    """The rest of the plan would stay as it is for want of work, and be 0.22 s behind."""
+    rng = np.random.default_rng([30113001, FAMILIES.index("rosettes"), 39])
+    program = random_program("rosettes", rng, tmp_path)
+    ahead, end = LookAhead(program.machine, control := Control(30.0)), 0.0
+    for plan in ahead.plan(program.path):
+        if isinstance(plan, PlanChunk):
+            end = plan.t0 + plan.duration
+            if end >= 0.4:
+                control.override(120.0)
+    assert end <= 0.4 + 2.1
+
+
 NEAR_A_POLE = [
     # The joints go so far on the short path that the limits along it hide the way of a ramp.
     (30110731, 26, 1.0, 10.85),

@@ -69,7 +69,7 @@ Until DOUBTFUL tries have failed only that of the last step is examined.
 DOUBTFUL = 4
 """Failed tries from which on each step is examined: an examination costs as much as a descent."""
 
-TRIES = 30
+TRIES = 12
 """Largest number of steps of the descent that may fail."""
 
 OUTSIDE = 5

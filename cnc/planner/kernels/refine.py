@@ -96,8 +96,10 @@ for a short plan. Where that is not enough the rest of it stays. A count does no
 machine, as a clock would.
 """
 
-FAILED = 8.0
-"""A cell of a window without a legal result takes so many times as long as that of another one."""
+FAILED = 4.0
+"""A cell of a window without a legal result counts as so many: it takes 2 to 12 times as long as
+that of another window.
+"""
 
 
 @njit
