@@ -168,6 +168,7 @@ TYPES = {
     ".js": "text/javascript",
     ".css": "text/css",
     ".svg": "image/svg+xml",
+    ".po": "text/x-gettext-translation",
 }
 MOST_MESSAGE = 1000
 """Characters of a message of a client."""

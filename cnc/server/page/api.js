@@ -1,5 +1,7 @@
 // Requests to the server, the control of the machine, and the stream of events.
 
+import {t} from "./texts.js";
+
 let key = null, name = "";
 const listeners = new Map();
 
@@ -35,15 +37,15 @@ export async function send(method, path, body) {
   try {
     answer = await fetch("/api/" + path, {method, headers, body: body === undefined ? undefined : JSON.stringify(body)});
   } catch {
-    throw new Refused({code: "server-lost", message: "the server does not answer", hint: "check that cncrun serve is running"});
+    throw new Refused({code: "server-lost", message: t`the server does not answer`, hint: t`check that cncrun serve is running`});
   }
   const found = await answer.json().catch(() => ({}));
   if (answer.ok) return found;
   if (found.code === "no-control") {
-    found.hint = "press Take control first";
+    found.hint = t`press Take control first`;
     if (key !== null) loseControl();
   }
-  throw new Refused(found.message ? found : {code: "http-error", message: `the server refuses this (${answer.status})`});
+  throw new Refused(found.message ? found : {code: "http-error", message: t`the server refuses this (${answer.status})`});
 }
 
 export const get = path => send("GET", path);

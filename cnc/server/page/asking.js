@@ -1,5 +1,7 @@
 // Questions of the page itself: a number, or a yes. A browser's own would stop the signs of life of a jog.
 
+import {t} from "./texts.js";
+
 const element = id => document.getElementById(id);
 
 function ask(text, verb, field, lines = []) {
@@ -18,7 +20,7 @@ function ask(text, verb, field, lines = []) {
 
 /** Ask for a number; return null where none is given. */
 export async function askNumber(text, unit) {
-  const yes = await ask(text, "Set", {value: "0", unit}), value = element("entry-value").valueAsNumber;
+  const yes = await ask(text, t`Set`, {value: "0", unit}), value = element("entry-value").valueAsNumber;
   return yes && Number.isFinite(value) ? value : null;
 }
 

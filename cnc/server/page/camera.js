@@ -3,6 +3,7 @@
 import {goTo, setZero, turned} from "./hand.js";
 import {machine, say, shown, state} from "./machine.js";
 import {keep, kept} from "./parts.js";
+import {t} from "./texts.js";
 
 const element = id => document.getElementById(id);
 
@@ -22,17 +23,17 @@ export function begin() {
   element("camera-device").addEventListener("change", () => { if (stream !== null) start(); });
   element("camera-mark").addEventListener("click", () => {
     mark = {x: state.machine.x, y: state.machine.y};
-    element("camera-note").textContent = `The mark is at machine X ${shown(mark.x)}, Y ${shown(mark.y)}. Raise Z, and jog the cross hairs over it.`;
+    element("camera-note").textContent = t`The mark is at machine X ${shown(mark.x)}, Y ${shown(mark.y)}. Raise Z, and jog the cross hairs over it.`;
   });
   element("camera-seen").addEventListener("click", () => {
     if (mark === null) {
-      say("the place of the mark is not known\nlet the tool touch it, and press the first button");
+      say(t`the place of the mark is not known\nlet the tool touch it, and press the first button`);
       return;
     }
     const found = {x: mark.x - state.machine.x, y: mark.y - state.machine.y};
     [element("camera-x").value, element("camera-y").value] = [found.x.toFixed(3), found.y.toFixed(3)];
     keep(named, offset());
-    element("camera-note").textContent = `The camera is at X ${shown(found.x)}, Y ${shown(found.y)} of the tool.`;
+    element("camera-note").textContent = t`The camera is at X ${shown(found.x)}, Y ${shown(found.y)} of the tool.`;
     mark = null;
   });
   // What the cross hairs see becomes the zero: the tool then is at the offset, the other way, turned as the system is.
@@ -49,28 +50,28 @@ export function begin() {
 /** Return whether the offset is a number; tell it if not. */
 function isOffset() {
   const {x, y} = offset(), is = Number.isFinite(x) && Number.isFinite(y);
-  if (!is) say("the offset of the camera is no number\ngive X and Y in mm");
+  if (!is) say(t`the offset of the camera is no number\ngive X and Y in mm`);
   return is;
 }
 
 async function start() {
   end();
   if (!navigator.mediaDevices) {
-    say("a browser shows a camera only to a page of this computer, or over HTTPS\nopen the page as http://127.0.0.1, or behind a proxy with HTTPS");
+    say(t`a browser shows a camera only to a page of this computer, or over HTTPS\nopen the page as http://127.0.0.1, or behind a proxy with HTTPS`);
     return;
   }
   const chosen = element("camera-device").value;
   try {
     stream = await navigator.mediaDevices.getUserMedia({video: chosen ? {deviceId: {exact: chosen}} : {facingMode: "environment"}});
   } catch (error) {
-    say(`the camera cannot be shown: ${error.message}\nis it connected, free, and allowed for this page?`);
+    say(t`the camera cannot be shown: ${error.message}\nis it connected, free, and allowed for this page?`);
     return;
   }
   element("camera-video").srcObject = stream;
   show();
   // The names are known only after the permission.
   const devices = (await navigator.mediaDevices.enumerateDevices()).filter(({kind}) => kind === "videoinput");
-  element("camera-device").replaceChildren(...devices.map(({label, deviceId}, k) => new Option(label || `camera ${k + 1}`, deviceId)));
+  element("camera-device").replaceChildren(...devices.map(({label, deviceId}, k) => new Option(label || t`camera ${k + 1}`, deviceId)));
   element("camera-device").value = stream?.getVideoTracks()[0].getSettings().deviceId ?? "";
 }
 
@@ -84,5 +85,5 @@ function show() {
   const isOn = stream !== null;
   element("camera-picture").hidden = !isOn;
   element("camera").setAttribute("aria-pressed", String(isOn));
-  element("camera").querySelector("span").textContent = isOn ? "Camera off" : "Camera on";
+  element("camera").querySelector("span").textContent = isOn ? t`Camera off` : t`Camera on`;
 }

@@ -1,5 +1,7 @@
 // Dimensions of the cuts, drawn over the picture: the sizes of their box, and its places in work coordinates.
 
+import {t} from "./texts.js";
+
 const TICK = 5;       // px
 const LEAST = 10;     // px; a shorter side is seen from its end
 const FONT = "600 13px system-ui, 'DejaVu Sans', sans-serif";
@@ -30,7 +32,7 @@ export function drawDimensions(canvas, box, project, zero, {ink, paper}) {
     const across = [-(to[1] - from[1]) / far, (to[0] - from[0]) / far], mid = [(from[0] + to[0]) / 2, (from[1] + to[1]) / 2];
     const side = across[0] * (mid[0] - middle[0]) + across[1] * (mid[1] - middle[1]) < 0 ? -1 : 1, off = across.map(each => each * side);
     const shift = (place, by) => [place[0] + off[0] * by, place[1] + off[1] * by];
-    const work = zero[name.toLowerCase()], text = `${name} ${figure(high - low)}${work === undefined ? "" : ` (${figure(low - work)} to ${figure(high - work)})`}`;
+    const work = zero[name.toLowerCase()], text = `${name} ${figure(high - low)}${work === undefined ? "" : t` (${figure(low - work)} to ${figure(high - work)})`}`;
     pen.strokeStyle = pen.fillStyle = ink;
     pen.lineWidth = 1.2;
     pen.beginPath();

@@ -9,6 +9,7 @@ import {markSign, showFindings, writeMarks} from "./findings.js";
 import * as jobs from "./jobs.js";
 import {needs, say} from "./machine.js";
 import {showPart} from "./parts.js";
+import {t} from "./texts.js";
 
 const element = id => document.getElementById(id);
 const ROW = 19;        // px, height of a line
@@ -45,7 +46,7 @@ export function begin() {
 async function editJob() {
   const name = jobs.opened(), about = await get(`jobs/${encodeURIComponent(name)}`);
   if (about.size > MOST) {
-    say(`${visible(name)} is longer than ${MOST} characters\nchange it in an editor, and upload it`);
+    say(t`${visible(name)} is longer than ${MOST} characters\nchange it in an editor, and upload it`);
     return;
   }
   const lines = [];
@@ -88,7 +89,7 @@ const isChanged = () => isSaving || (open !== null && element("editor").value !=
 
 /** Return whether the text may be left: it is saved, or the operator agrees to lose it. */
 export async function leave() {
-  return !isChanged() || askYes(`The changes of ${visible(element("edit-name").value)} are not saved. Lose them?`, "Lose them");
+  return !isChanged() || askYes(t`The changes of ${visible(element("edit-name").value)} are not saved. Lose them?`, t`Lose them`);
 }
 
 function close({isOther = false} = {}) {
@@ -105,7 +106,7 @@ function close({isOther = false} = {}) {
 async function save() {
   const {kind, name: before, changed, saved} = open, name = element("edit-name").value.trim(), text = element("editor").value;
   const path = `${kind}s/${encodeURIComponent(name)}`, isNew = saved === null || name !== before;
-  if (isNew && (await get(`${kind}s`)).some(each => (each.name ?? each) === name) && !await askYes(`Replace ${visible(name)}?`, "Replace")) return;
+  if (isNew && (await get(`${kind}s`)).some(each => (each.name ?? each) === name) && !await askYes(t`Replace ${visible(name)}?`, t`Replace`)) return;
   const time = kind === "job" && !isNew ? `?changed=${changed}` : "";
   isSaving = true;
   try {
@@ -121,7 +122,7 @@ async function save() {
 
 async function removeMacro() {
   const {name} = open;
-  if (!await askYes(`Remove the macro ${visible(name)}?`, "Remove")) return;
+  if (!await askYes(t`Remove the macro ${visible(name)}?`, t`Remove`)) return;
   await remove(`macros/${encodeURIComponent(name)}`);
   open.saved = element("editor").value;
   close();
@@ -143,7 +144,7 @@ async function read() {
   const mine = open, name = element("edit-name").value.trim(), text = element("editor").value;
   try {
     const found = text.length > MOST ? null : await post(`findings/${encodeURIComponent(name)}`, {text});
-    if (open === mine && found === null) element("edit-state").textContent = `longer than ${MOST} characters: not read`;
+    if (open === mine && found === null) element("edit-state").textContent = t`longer than ${MOST} characters: not read`;
     else if (open === mine && element("editor").value === text) list(found);
   } catch (error) {
     if (!(error instanceof Refused)) throw error;
@@ -161,8 +162,8 @@ async function read() {
 function list(findings) {
   const errors = findings.filter(({severity}) => severity === "error").length;
   const [first] = findings.filter(({severity}) => severity === "error" || !errors);
-  element("edit-state").textContent = `${errors} error${errors === 1 ? "" : "s"}, ${findings.length - errors} warnings and notes`
-    + (first ? `; line ${first.line}: ${visible(first.message)}` : "");
+  element("edit-state").textContent = (errors === 1 ? t`1 error, ${findings.length - errors} warnings and notes` : t`${errors} errors, ${findings.length - errors} warnings and notes`)
+    + (first ? t`; line ${first.line}: ${visible(first.message)}` : "");
   showFindings(findings.map(finding => ({...finding, fix: null})), element("edit-name").value.trim(), goTo);
   draw();
 }

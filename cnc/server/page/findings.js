@@ -3,6 +3,7 @@
 import {attempt, get, post, visible} from "./api.js";
 import {askYes} from "./asking.js";
 import {needs, worded} from "./machine.js";
+import {t, word} from "./texts.js";
 
 const SIGNS = {error: "▲", warning: "!", note: "i"};  // the worst first
 const MOST = 200;  // findings of the list
@@ -22,16 +23,16 @@ export function showFindings(findings, job, go, repaired) {
     const item = document.createElement("li"), button = document.createElement("button"), help = document.createElement("small");
     button.type = "button";
     button.className = severity;
-    button.textContent = visible(`${file && !isHere ? `${file}, ` : ""}${line ? `line ${line}: ` : ""}${severity} ${code}: ${message}`);
+    button.textContent = visible(`${file && !isHere ? `${file}, ` : ""}${line ? t`line ${line}: ` : ""}${word(severity)} ${code}: ${message}`);
     button.dataset.sign = SIGNS[severity];
-    help.textContent = visible([column ? `column ${column}` : "", worded(hint ?? "")].filter(Boolean).join(": "));
+    help.textContent = visible([column ? t`column ${column}` : "", worded(hint ?? "")].filter(Boolean).join(": "));
     button.append(help);
     button.addEventListener("click", () => { if (line && isHere) go(line, column); });
     item.append(button);
     if (fix && isHere) {
-      const made = Object.assign(document.createElement("button"), {type: "button", textContent: "Repair"});
+      const made = Object.assign(document.createElement("button"), {type: "button", textContent: t`Repair`});
       made.dataset.needs = "link control job";
-      made.setAttribute("aria-label", `Repair line ${line}: ${code}`);
+      made.setAttribute("aria-label", t`Repair line ${line}: ${code}`);
       made.addEventListener("click", () => attempt(() => repair(finding, job, repaired)));
       item.append(made);
     }
@@ -46,10 +47,10 @@ async function repair({code, line, column}, job, repaired) {
   const {title, safe, lines, count, version} = await get(`${path}?${new URLSearchParams({code, line, column})}`);
   const changes = lines.slice(0, MOST_LINES).flatMap(({line: number, old, new: text}) =>
     [`${number} \u2212 ${visible(old)}`, ...text.split("\n").map(each => `${number} + ${visible(each)}`)]);
-  if (count > MOST_LINES) changes.push(`and ${count - MOST_LINES} more lines`);
-  const what = `${visible(job)}, line ${line}: ${visible(title)}?\n`;
-  const yes = await (safe ? askYes(`${what}The program does the same after it.`, "Repair", changes)
-    : askYes(`${what}\u26a0 The program may do something else after it. Read the lines first.`, "Repair, I have read them", changes));
+  if (count > MOST_LINES) changes.push(t`and ${count - MOST_LINES} more lines`);
+  const what = t`${visible(job)}, line ${line}: ${visible(title)}?\n`;
+  const yes = await (safe ? askYes(what + t`The program does the same after it.`, t`Repair`, changes)
+    : askYes(what + t`\u26a0 The program may do something else after it. Read the lines first.`, t`Repair, I have read them`, changes));
   if (!yes) return;
   await post(path, {code, line, column, version, unsafe: !safe});
   await repaired(line);

@@ -7,6 +7,7 @@ import * as jobs from "./jobs.js";
 import {machine, needs, rotations, say, shown, state} from "./machine.js";
 import {icon, keep, kept} from "./parts.js";
 import {cutBox} from "./picture.js";
+import {t} from "./texts.js";
 
 const element = id => document.getElementById(id);
 const MOST_UNDO = 20;
@@ -51,7 +52,7 @@ function noteChange(now) {
 function showUndo() {
   const {system, letters} = changes.at(-1) ?? {}, place = element("undo-zero");
   place.dataset.count = changes.length;
-  place.querySelector("span").textContent = system ? `Undo ${system} ${letters.join("").toUpperCase()}` : "Undo zero";
+  place.querySelector("span").textContent = system ? t`Undo ${system} ${letters.join("").toUpperCase()}` : t`Undo zero`;
   needs();
 }
 
@@ -66,7 +67,7 @@ async function undoZero() {
   if (letters.some(letter => Math.abs(now[system][letter] - after[letter]) > SAME)) {
     changes = [];
     showUndo();
-    say(`${system} was changed elsewhere since: nothing is undone\nsee the offsets, and set the zero again`);
+    say(t`${system} was changed elsewhere since: nothing is undone\nsee the offsets, and set the zero again`);
     return;
   }
   // The work position to set is that of this place in the system of before. X and Y of a turned system belong together.
@@ -82,7 +83,7 @@ async function undoZero() {
   }
   changes.pop();
   showUndo();
-  say(`${system} ${letters.join(", ").toUpperCase()} is back at its offset of before`, {isNote: true});
+  say(t`${system} ${letters.join(", ").toUpperCase()} is back at its offset of before`, {isNote: true});
 }
 
 // Moves to places. Each is one activity of the server, so that a stop of any client ends the whole of it.
@@ -94,7 +95,7 @@ async function wayHeight() {
   const lift = element("lift").value;
   // The height means nothing on a machine that cannot home.
   if (lift !== "" && Object.keys(state.homed).length) return Math.max(state.machine.z, Number(lift));
-  const isClear = await askYes(`Z stays at ${shown(state.work.z)} (work): is the tool above the part and all clamps?`, "Go");
+  const isClear = await askYes(t`Z stays at ${shown(state.work.z)} (work): is the tool above the part and all clamps?`, t`Go`);
   return isClear ? state.machine.z : null;
 }
 
@@ -114,12 +115,12 @@ function movesToPlaces() {
   const {travel} = machine.axes.z, [low, high] = travel ?? [-Infinity, Infinity], lift = element("lift");
   const showLift = () => {
     lift.value = kept(`lift-${machine.name}`) ?? (travel ? high - BELOW_TOP : "");
-    element("lift-note").textContent = `Z goes up to machine ${lift.value === "" ? "?" : shown(Number(lift.value))} first: see Settings.`;
+    element("lift-note").textContent = t`Z goes up to machine ${lift.value === "" ? "?" : shown(Number(lift.value))} first: see Settings.`;
   };
   lift.addEventListener("change", () => {
     const value = lift.valueAsNumber;
     if (value >= low && value <= high) keep(`lift-${machine.name}`, value);
-    else say(`${lift.value || "this"} is no height in the travel of Z\ngive a machine position from ${low} to ${high}`);
+    else say(t`${lift.value || t`this`} is no height in the travel of Z\ngive a machine position from ${low} to ${high}`);
     showLift();
   });
   showLift();
@@ -131,7 +132,7 @@ function movesToPlaces() {
     event.preventDefault();
     const name = element("place-name").value.trim(), {x, y} = state.machine;
     if (!name) {
-      say("the position has no name\ngive one, such as parking");
+      say(t`the position has no name\ngive one, such as parking`);
       return;
     }
     keep(named(), places = [...places.filter(each => each.name !== name), {name, x, y}]);
@@ -146,12 +147,12 @@ function showPlaces() {
     const item = document.createElement("li"), text = document.createElement("span"), drop = document.createElement("button");
     const go = Object.assign(document.createElement("button"), {type: "button"});
     go.dataset.needs = "link control board free unlocked placed";
-    go.append(icon("map-pin"), `Go to ${name}`);
+    go.append(icon("map-pin"), t`Go to ${name}`);
     go.addEventListener("click", () => goTo(x, y));
-    text.textContent = `machine X ${shown(x)}, Y ${shown(y)}`;
+    text.textContent = t`machine X ${shown(x)}, Y ${shown(y)}`;
     drop.type = "button";
     drop.className = "icon-only";
-    drop.setAttribute("aria-label", `Forget ${name}`);
+    drop.setAttribute("aria-label", t`Forget ${name}`);
     drop.append(icon("trash"));
     drop.addEventListener("click", () => {
       keep(named(), places = places.filter(each => each.name !== name));
@@ -168,12 +169,12 @@ async function traceOutline() {
   if (!await jobs.checkAgain()) return;
   const box = cutBox();
   if (box === null) {
-    say("the program has no cut that could be traced");
+    say(t`the program has no cut that could be traced`);
     return;
   }
   const [[xLow, xHigh], [yLow, yHigh]] = box, feed = element("jog-feed").valueAsNumber;
   if (feed > 0) await move("trace_outline", {x_low: xLow, x_high: xHigh, y_low: yLow, y_high: yHigh, feed});
-  else say("the jog has no feed\ngive one in mm/min");
+  else say(t`the jog has no feed\ngive one in mm/min`);
 }
 
 function spindleAndCoolant() {
@@ -181,7 +182,7 @@ function spindleAndCoolant() {
   if (["laser", "printer"].includes(machine.kind)) element("spindle-row").hidden = true;
   for (const key of document.querySelectorAll("[data-line]")) key.addEventListener("click", () => {
     const code = key.dataset.line, speed = element("hand-speed").valueAsNumber;
-    if (["M3", "M4"].includes(code) && !(speed > 0)) say("the spindle has no speed\ngive one in rev/min");
+    if (["M3", "M4"].includes(code) && !(speed > 0)) say(t`the spindle has no speed\ngive one in rev/min`);
     else attempt(() => post("mdi", {line: ["M3", "M4"].includes(code) ? `${code} S${speed}` : code}));
   });
   element("tool-form").addEventListener("submit", event => {
@@ -218,12 +219,12 @@ function showMacros(names) {
     run.append(icon("play"), visible(name));
     run.addEventListener("click", () => attempt(() => post(`macros/${encodeURIComponent(name)}/run`)));
     edit.dataset.needs = "link control";
-    edit.setAttribute("aria-label", `Change ${name}`);
+    edit.setAttribute("aria-label", t`Change ${name}`);
     edit.append(icon("pencil"));
     edit.addEventListener("click", () => attempt(() => editMacro(name)));
     item.append(run, document.createElement("span"), edit);
     return item;
   }));
-  if (!names.length) element("macros").append(Object.assign(document.createElement("li"), {textContent: "There is no macro yet."}));
+  if (!names.length) element("macros").append(Object.assign(document.createElement("li"), {textContent: t`There is no macro yet.`}));
   needs();
 }

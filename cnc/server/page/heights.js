@@ -3,6 +3,7 @@
 import {attempt, get, on, post} from "./api.js";
 import {needs, say, shown} from "./machine.js";
 import {onPart} from "./parts.js";
+import {t} from "./texts.js";
 
 const element = id => document.getElementById(id);
 const LEAST = 0.03;    // mm; a smaller difference is that of a probe
@@ -37,8 +38,7 @@ async function open() {
   bad = map === null ? [] : differing(map);
   chosen = new Set(bad.slice(0, MOST).map(({at}) => at));
   const values = map?.heights.flat() ?? [];
-  element("map-range").textContent = map === null ? "There is no height map yet." : `${map.x.length} x ${map.y.length} points, Z ${shown(Math.min(...values))} to ${shown(Math.max(...values))} of ${map.system}${
-    bad.length ? `; ${bad.length} differ from their neighbours` : ""}`;
+  element("map-range").textContent = map === null ? t`There is no height map yet.` : t`${map.x.length} x ${map.y.length} points, Z ${shown(Math.min(...values))} to ${shown(Math.max(...values))} of ${map.system}` + (bad.length ? t`; ${bad.length} differ from their neighbours` : "");
   showPoints();
 }
 
@@ -74,18 +74,18 @@ function showPoints() {
       chosen.delete(at);
       showPoints();
     });
-    label.append(box, ` X ${shown(map.x[column] - map.work_zero.x)}, Y ${shown(map.y[row] - map.work_zero.y)}: Z ${shown(map.heights[row][column])}${by === undefined ? "" : `, ${by > 0 ? "+" : ""}${shown(by)} beside its neighbours`}`);
+    label.append(box, ` X ${shown(map.x[column] - map.work_zero.x)}, Y ${shown(map.y[row] - map.work_zero.y)}: Z ${shown(map.heights[row][column])}${by === undefined ? "" : t`, ${by > 0 ? "+" : ""}${shown(by)} beside its neighbours`}`);
     item.append(label);
     return item;
   }));
-  element("map-again").querySelector("span").textContent = chosen.size === 1 ? "Probe this point again" : `Probe these ${chosen.size} points again`;
+  element("map-again").querySelector("span").textContent = chosen.size === 1 ? t`Probe this point again` : t`Probe these ${chosen.size} points again`;
   needs();
   draw();
 }
 
 async function again() {
   if (!chosen.size) {
-    say("no point is chosen\npress a point of the picture");
+    say(t`no point is chosen\npress a point of the picture`);
     return;
   }
   const entries = new FormData(element("grid-form")), number = each => Number(entries.get(each));

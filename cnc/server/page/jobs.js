@@ -8,6 +8,7 @@ import {named, needs, say} from "./machine.js";
 import {showPart} from "./parts.js";
 import * as picture from "./picture.js";
 import * as heights from "./probing.js";
+import {t, word} from "./texts.js";
 
 const element = id => document.getElementById(id);
 const WINDOW = 500;  // lines that are fetched at a time
@@ -32,13 +33,13 @@ export async function begin() {
   element("simulate").addEventListener("click", () => attempt(async () => {
     if (job === null) return;
     await post(path("/cut"), {stock: element("stock").value.trim(), resolution: null, system: element("system").value});
-    element("outcome").textContent = "cutting";
+    element("outcome").textContent = t`cutting`;
   }));
   on("job-cut", event => { if (event.name === job) attempt(() => showCut(event)); });
   element("run").addEventListener("click", run);
   element("remove").addEventListener("click", () => {
     const mine = job;
-    if (mine !== null) askYes(`Remove ${visible(mine)} from the library?`, "Remove").then(yes => { if (yes) attempt(() => remove(`jobs/${encodeURIComponent(mine)}`)); });
+    if (mine !== null) askYes(t`Remove ${visible(mine)} from the library?`, t`Remove`).then(yes => { if (yes) attempt(() => remove(`jobs/${encodeURIComponent(mine)}`)); });
   });
   element("text").addEventListener("scroll", showText);
   // A line that is pressed is shown in the picture; a second press ends this.
@@ -65,7 +66,7 @@ export async function begin() {
   });
   on("job-progress", event => {
     if (event.program === job) element("outcome").textContent = event.stage === "checking"
-      ? `checking, line ${event.line}` : `running, line ${event.line}${event.lines ? ` of ${event.lines}` : ""}`;
+      ? t`checking, line ${event.line}` : event.lines ? t`running, line ${event.line} of ${event.lines}` : t`running, line ${event.line}`;
   });
   on("job-ended", ended);
   let running = "";
@@ -107,10 +108,9 @@ async function showUnfinished() {
     element("jobs").value = last.job;
     await open(last.job);
   }
-  const where = last.line ? `at line ${last.line}` : "before its first line was done";
-  say(`the server ended during the last run: ${visible(last.job)} was cut off ${where}\n` +
-    "see where the tool stands, home the machine, and check the zero; " +
-    (last.line ? `\u201cFrom line\u201d ${last.line} is filled in to go on there` : "then run it again"));
+  const where = last.line ? t`at line ${last.line}` : t`before its first line was done`;
+  const next = last.line ? t`\u201cFrom line\u201d ${last.line} is filled in to go on there` : t`then run it again`;
+  say(t`the server ended during the last run: ${visible(last.job)} was cut off ${where}\nsee where the tool stands, home the machine, and check the zero; ${next}`);
   if (last.line) element("from-line").value = last.line;
   showRun();
 }
@@ -119,10 +119,10 @@ const path = (rest = "") => `jobs/${encodeURIComponent(job)}${rest}`;
 
 async function list() {
   const jobs = await get("jobs"), select = element("jobs");
-  select.replaceChildren(...jobs.map(({name, outcome}) => new Option(outcome ? `${visible(name)} (${outcome})` : visible(name), name)));
+  select.replaceChildren(...jobs.map(({name, outcome}) => new Option(outcome ? `${visible(name)} (${word(outcome)})` : visible(name), name)));
   const others = await get("left-out"), most = 5;
-  element("left-out").textContent = others.length === 0 ? "" : `Not in the list: ${others.slice(0, most).map(({name, why}) => `${visible(name)} (${why})`).join("; ")}${
-    others.length > most ? `; and ${others.length - most} more files` : ""}`;
+  element("left-out").textContent = others.length === 0 ? "" : t`Not in the list: ${others.slice(0, most).map(({name, why}) => `${visible(name)} (${why})`).join("; ")}`
+    + (others.length > most ? t`; and ${others.length - most} more files` : "");
   if (!uploading && !jobs.some(({name}) => name === job)) await open(jobs[0]?.name ?? null);
   select.value = job ?? "";
   needs();
@@ -193,7 +193,7 @@ export const reopen = () => open(job);
 
 async function check() {
   if (job === null) return;
-  element("outcome").textContent = "checking";
+  element("outcome").textContent = t`checking`;
   await post(path("/check"), {height_map: heights.chosen()});
 }
 
@@ -204,7 +204,7 @@ export async function checkAgain() {
   const ended = new Promise(done => { waiting = done; });
   await check();
   const isGood = await ended && job === mine;
-  if (!isGood) say(`${visible(mine)} is refused: the Program part has the findings`);
+  if (!isGood) say(t`${visible(mine)} is refused: the Program part has the findings`);
   return isGood;
 }
 
@@ -213,8 +213,8 @@ async function showCheck(given) {
   if (mine !== job) return;
   const errors = summary.errors.filter(({severity}) => severity === "error").length, others = summary.errors.length - errors;
   element("outcome").textContent = summary.ok
-    ? `checked: ${time(summary.duration_s)}, ${summary.path_length_mm.toFixed(1)} mm, ${others} warnings and notes`
-    : `refused: ${errors} error${errors === 1 ? "" : "s"}`;
+    ? t`checked: ${time(summary.duration_s)}, ${summary.path_length_mm.toFixed(1)} mm, ${others} warnings and notes`
+    : errors === 1 ? t`refused: 1 error` : t`refused: ${errors} errors`;
   element("outcome").dataset.refused = String(!summary.ok);
   needs();
   listFindings(summary.errors);
@@ -226,13 +226,13 @@ async function showCheck(given) {
 /** Show what a simulated cut found, and the part. */
 async function showCut({name, ok, findings}) {
   if (!ok) {
-    element("outcome").textContent = "not cut";
+    element("outcome").textContent = t`not cut`;
     if (findings.length) listFindings(findings);
     return;
   }
   const part = await get(path("/part"));
   if (name !== job) return;
-  element("outcome").textContent = `cut: ${(part.removed_mm3 / 1000).toPrecision(4)} cm³ removed, cells of ${part.resolution_mm.toPrecision(2)} mm, ${findings.length} findings`;
+  element("outcome").textContent = t`cut: ${(part.removed_mm3 / 1000).toPrecision(4)} cm³ removed, cells of ${part.resolution_mm.toPrecision(2)} mm, ${findings.length} findings`;
   element("stl").href = `/api/${path("/stl")}`;
   element("stl").download = name.replace(/\.[^.]*$/, ".stl");
   element("stl").hidden = false;
@@ -260,11 +260,11 @@ const figure = value => String(Number(value.toPrecision(4)));
 /** Show the largest use of each limit. */
 function showLimits({max, limits}) {
   const body = element("limits").tBodies[0], rows = [];
-  for (const name of ["feed", "accel", "jerk", "normal_accel"]) if (limits[name] && max[name] !== null) rows.push([name.replace("_", " "), max[name], limits[name]]);
+  for (const name of ["feed", "accel", "jerk", "normal_accel"]) if (limits[name] && max[name] !== null) rows.push([word(name.replace("_", " ")), max[name], limits[name]]);
   for (const [axis, values] of Object.entries(max.axes ?? {})) {
     for (const [name, value] of Object.entries(values)) {
       const limit = limits.axes?.[axis]?.[name];
-      if (limit && value !== null) rows.push([`${axis.toUpperCase()} ${name}`, value, limit]);
+      if (limit && value !== null) rows.push([`${axis.toUpperCase()} ${word(name)}`, value, limit]);
     }
   }
   body.replaceChildren();
@@ -273,9 +273,9 @@ function showLimits({max, limits}) {
     head.scope = "row";
     head.textContent = name;
     row.append(head);
-    row.insertCell().textContent = `${figure(value)} of ${figure(limit)}`;
+    row.insertCell().textContent = t`${figure(value)} of ${figure(limit)}`;
     // A traverse is limited by the axes, not by the highest feed.
-    row.insertCell().textContent = name === "feed" && value > limit ? "traverse" : `${Math.round(100 * value / limit)} %`;
+    row.insertCell().textContent = name === word("feed") && value > limit ? t`traverse` : `${Math.round(100 * value / limit)} %`;
   }
   element("limits").hidden = !rows.length;
 }
@@ -294,15 +294,15 @@ async function run() {
 /** Show what Run would do. */
 function showRun() {
   const from = element("from-line").value;
-  element("run-what").textContent = job === null ? "" : from ? `from line ${from}` : visible(job);
+  element("run-what").textContent = job === null ? "" : from ? t`from line ${from}` : visible(job);
   element("empty").hidden = job !== null;
 }
 
 function ended({program, outcome, seconds, stopped_at_line: stopped, resume_line: resume, findings}) {
   const errors = findings.filter(({severity}) => severity === "error");
-  let text = `${named(program)}: ${outcome} after ${time(seconds)}`;
-  if (stopped) text += `, stopped at line ${stopped}`;
-  if (resume) text += `; it can go on from line ${resume}`;
+  let text = t`${named(program)}: ${word(outcome)} after ${time(seconds)}`;
+  if (stopped) text += t`, stopped at line ${stopped}`;
+  if (resume) text += t`; it can go on from line ${resume}`;
   // After a whole run, the next one begins at the first line.
   if (program === job) element("from-line").value = resume ?? "";
   showRun();

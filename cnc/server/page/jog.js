@@ -3,6 +3,7 @@
 import {attempt, on, post, tell} from "./api.js";
 import {machine, needs, say, state} from "./machine.js";
 import {icon} from "./parts.js";
+import {t, word} from "./texts.js";
 
 const element = id => document.getElementById(id);
 const STEPS = [["continuous", 0], ["0.01", 0.01], ["0.1", 0.1], ["1", 1], ["10", 10], ["50", 50]];
@@ -33,9 +34,9 @@ function makeJog() {
     input.type = "radio";
     input.name = "step";
     input.checked = distance === step;
-    input.setAttribute("aria-label", distance ? `${name} mm` : name);
+    input.setAttribute("aria-label", distance ? `${name} mm` : word(name));
     input.addEventListener("change", () => { step = distance; });
-    label.append(input, name);
+    label.append(input, word(name));
     element("steps").append(label);
   }
   element("steps").append(Object.assign(document.createElement("span"), {textContent: "mm"}));
@@ -45,9 +46,9 @@ function makeJog() {
       continue;
     }
     const directions = Object.fromEntries(parts.flatMap((each, k) => k % 2 ? [] : [[each, parts[k + 1]]]));
-    const names = Object.entries(directions).map(([letter, sign]) => `${letter.toUpperCase()} ${sign > 0 ? "plus" : "minus"}`);
+    const names = Object.entries(directions).map(([letter, sign]) => `${letter.toUpperCase()} ${sign > 0 ? t`plus` : t`minus`}`);
     const short = Object.entries(directions).map(([letter, sign]) => letter.toUpperCase() + (sign > 0 ? "+" : "\u2212"));
-    const made = Object.assign(document.createElement("button"), {type: "button", title: `Jog ${names.join(" ")}`});
+    const made = Object.assign(document.createElement("button"), {type: "button", title: t`Jog ${names.join(" ")}`});
     made.setAttribute("aria-label", made.title);
     made.dataset.needs = "link control board free unlocked homed";
     made.append(arrow(directions), short.length === 1 ? short[0] : "");
@@ -111,8 +112,8 @@ export function release() {
 }
 
 function makeKeys() {
-  const rows = [...KEY_MAP.map(([name, , text]) => [name.replace("Arrow", "Arrow "), `jog ${text}; with Shift at full speed`]),
-    ["Space", "hold"], ["Escape", "stop"], ["?", "this map"]];
+  const rows = [...KEY_MAP.map(([name, , text]) => [name.replace("Arrow", "Arrow "), t`jog ${text}; with Shift at full speed`]),
+    [t`Space`, t`hold`], ["Escape", t`stop`], ["?", t`this map`]];
   for (const [name, text] of rows) {
     const row = element("key-rows").insertRow(), head = document.createElement("th");
     head.scope = "row";

@@ -6,6 +6,7 @@ import {halve, setZero} from "./hand.js";
 import {forget} from "./jog.js";
 import {explain, showNeeds} from "./needs.js";
 import {showPart} from "./parts.js";
+import {t, word} from "./texts.js";
 
 const element = id => document.getElementById(id);
 const BRIEF = 6000;  // ms
@@ -33,13 +34,13 @@ export function say(text, {isNote = false, isBrief = false} = {}) {
 export function needs() {
   showNeeds({isOpen, mine: inControl(), state});
   const why = element("run").dataset.why, name = element("jobs").value;
-  write(element("guide"), state.program ? `${state.line ? `line ${state.line}: ` : ""}${state.text}` : why || (
-    element("outcome").dataset.refused === "true" ? `the check has refused ${visible(name)}: Program shows why` : `ready: Run begins ${visible(name)}`));
+  write(element("guide"), state.program ? `${state.line ? t`line ${state.line}: ` : ""}${state.text}` : why || (
+    element("outcome").dataset.refused === "true" ? t`the check has refused ${visible(name)}: Program shows why` : t`ready: Run begins ${visible(name)}`));
 }
 
 /** Return a text of the server in the words of the page instead of the command line's. */
-export const worded = text => text.replace(/--from-line (\d+)/g, "\u201cFrom line\u201d $1").replace(/--trust-position/g, "\u201ctrust the position\u201d")
-  .replace(/--home(?= |,|$)/gm, "\u201chome first\u201d").replace(/, or cncrun home\b/g, "").replace(/, cncrun home alone\b/g, ", the button Home alone")
+export const worded = text => text.replace(/--from-line (\d+)/g, `\u201c${t`From line`}\u201d $1`).replace(/--trust-position/g, `\u201c${t`trust the position`}\u201d`)
+  .replace(/--home(?= |,|$)/gm, `\u201c${t`home first`}\u201d`).replace(/, or cncrun home\b/g, "").replace(/, cncrun home alone\b/g, `, the button ${t`Home`} alone`)
   .replace(/--height-map\b/g, "a height map").replace(/--stock /g, "the stock ");
 
 /** Return the name of a program, or of the cycle that a line calls. */
@@ -70,12 +71,12 @@ export async function begin() {
   on("offsets", event => { rotations = event.rotations; });
   on("dialog", ask);
   on("dialog-closed", event => { if (String(event.id) === element("question").dataset.id) closeQuestion(); });
-  on("alarm", ({finding}) => say([finding.line ? `line ${finding.line}: ${finding.message}` : finding.message, finding.hint].filter(Boolean).join("\n")));
+  on("alarm", ({finding}) => say([finding.line ? t`line ${finding.line}: ${finding.message}` : finding.message, finding.hint].filter(Boolean).join("\n")));
   on("notice", ({finding}) => say([finding.message, finding.hint].filter(Boolean).join("\n"), {isNote: true}));
   on("link", ({open}) => {
     if (!open) {
-      say("the connection to the server is lost; trying again");
-      element("state").textContent = "no server";
+      say(t`the connection to the server is lost; trying again`);
+      element("state").textContent = t`no server`;
     } else if (!isOpen) say("");
     isOpen = open;
     needs();
@@ -86,18 +87,19 @@ export async function begin() {
 function makeReadout() {
   const body = element("readout").tBodies[0];
   for (const letter of Object.keys(machine.axes)) {
-    const row = body.insertRow(), head = document.createElement("th"), unit = "abc".includes(letter) ? "degrees" : "mm", name = letter.toUpperCase();
+    const row = body.insertRow(), head = document.createElement("th"), unit = "abc".includes(letter) ? t`degrees` : "mm", name = letter.toUpperCase();
     head.scope = "row";
     head.textContent = name;
     row.append(head);
     const work = Object.assign(document.createElement("output"), {id: `work-${letter}`, title: unit, textContent: "–"});
-    const at = Object.assign(document.createElement("small"), {id: `machine-${letter}`, title: `machine position, ${unit}`, textContent: "–"});
-    row.insertCell().append(work, at);
+    const at = Object.assign(document.createElement("small"), {id: `machine-${letter}`, title: t`machine position, ${unit}`, textContent: "–"});
+    const label = Object.assign(document.createElement("small"), {className: "of-machine", textContent: t`machine`});
+    row.insertCell().append(work, label, " ", at);
     row.insertCell().append(
-      button("0", `Zero ${name} here`, () => setZero({[letter]: 0})),
-      button("½", `Halve ${name}`, () => halve(letter)),
-      button("=", `Set ${name} to a value`, () => {
-        askNumber(`Work position of ${name} here`, unit).then(value => { if (value !== null) setZero({[letter]: value}); });
+      button("0", t`Zero ${name} here`, () => setZero({[letter]: 0})),
+      button("½", t`Halve ${name}`, () => halve(letter)),
+      button("=", t`Set ${name} to a value`, () => {
+        askNumber(t`Work position of ${name} here`, unit).then(value => { if (value !== null) setZero({[letter]: value}); });
       }),
     );
   }
@@ -156,18 +158,14 @@ function stop() {
   attempt(() => post("stop"));
 }
 
-const HELP = {
-  tool: "You may jog, set a zero and probe before you go on. The spindle stops then, and the program goes on from here with the new zero.",
-  stop: "You may jog, set a zero and probe before you go on. The spindle stops then, and the program goes on from here with the new zero.",
-};
-
 /** Ask the operator. The page stays usable: what the answer needs is never under the question. */
 function ask(dialog) {
   const place = element("question");
   place.dataset.id = dialog.id;
   place.dataset.kind = dialog.kind;
   element("question-text").textContent = worded(dialog.text);
-  element("question-help").textContent = HELP[dialog.kind] ?? "";
+  element("question-help").textContent = ["tool", "stop"].includes(dialog.kind)
+    ? t`You may jog, set a zero and probe before you go on. The spindle stops then, and the program goes on from here with the new zero.` : "";
   element("question-steps").replaceChildren(...dialog.steps.map(each => Object.assign(document.createElement("li"), {textContent: worded(each)})));
   // The text has the focus: a key that was meant for something else must not confirm.
   if (!place.open) place.show();
@@ -184,8 +182,8 @@ function closeQuestion() {
 
 function showHolder(holder) {
   const mine = inControl();
-  element("holder").textContent = mine ? "you have control" : holder ? `${holder} has control; you watch` : "nobody has control; you watch";
-  element("take").querySelector("span").textContent = mine ? "Give control up" : "Take control";
+  element("holder").textContent = mine ? t`you have control` : holder ? t`${holder} has control; you watch` : t`nobody has control; you watch`;
+  element("take").querySelector("span").textContent = mine ? t`Give control up` : t`Take control`;
   element("question-take").hidden = mine;
   needs();
 }
@@ -206,14 +204,14 @@ function showProgress(event) {
   if (!runs) place = null;
   const part = !runs ? 0 : event.left === null ? (place ?? 0) : ran / Math.max(ran + event.left, 1e-9);
   if (element("progress").value !== part) element("progress").value = part;
-  write(element("job-name"), runs ? named(event.program) : visible(element("jobs").value) || "no program");
-  write(element("job-place"), runs ? `line ${event.line}, ${Math.floor(100 * part)} %` : "");
+  write(element("job-name"), runs ? named(event.program) : visible(element("jobs").value) || t`no program`);
+  write(element("job-place"), runs ? t`line ${event.line}, ${Math.floor(100 * part)} %` : "");
   write(element("left"), seconds(event.left));
 }
 
 function showState(event) {
   state = event;
-  const badge = element("state"), text = event.held ? `${event.state}: ${event.held}` : event.state;
+  const badge = element("state"), text = event.held ? `${word(event.state)}: ${word(event.held)}` : word(event.state);
   write(badge, text);
   badge.dataset.state = event.state;
   // Where the parts stand in a column, the connection comes first until the machine can be used.
@@ -226,17 +224,17 @@ function showState(event) {
   // Each program of a turned system goes another way: it is never in use unseen.
   element("system-name").classList.toggle("turned", angle !== "");
   element("straight").hidden = !angle;
-  write(element("straight").querySelector("span"), `Remove the rotation of ${event.system} (${angle})`);
+  write(element("straight").querySelector("span"), t`Remove the rotation of ${event.system} (${angle})`);
   if (document.activeElement !== element("system")) element("system").value = event.system;
-  const waits = event.pending > 0 ? ` (${Math.round(event.overrides.feed)} % in ${event.pending.toFixed(1)} s at most)` : "";
+  const waits = event.pending > 0 ? t` (${Math.round(event.overrides.feed)} % in ${event.pending.toFixed(1)} s at most)` : "";
   showProgress(event);
   write(element("feed"), (event.feed === null ? "–" : `${Math.round(event.feed)} mm/min`) + waits);
-  write(element("spindle"), event.spindle === null ? "–" : `${Math.round(event.spindle)} rev/min`);
+  write(element("spindle"), event.spindle === null ? "–" : t`${Math.round(event.spindle)} rev/min`);
   write(element("tool"), event.tool ?? "–");
   write(element("buffer"), event.buffered ?? "–");
-  write(element("tool-now"), event.tool === null ? "not known" : event.tool || "none");
-  write(element("modes"), event.modes || "defaults of a program");
-  write(element("connect"), event.board ? "Disconnect" : "Connect");
+  write(element("tool-now"), event.tool === null ? t`not known` : event.tool || t`none`);
+  write(element("modes"), event.modes || t`defaults of a program`);
+  write(element("connect"), event.board ? t`Disconnect` : t`Connect`);
   // Another client may have connected another board than the one that is chosen here.
   element("board").disabled = element("port").disabled = event.board !== "";
   if (event.board) element("board").value = event.board;
@@ -246,12 +244,12 @@ function showState(event) {
     write(element(`${name}-percent`), `${Math.round(event.overrides[name])} %`);
   }
   if (document.activeElement !== element("rapid-override")) element("rapid-override").value = event.overrides.rapid;
-  const lamps = Object.entries({...event.inputs, ...Object.fromEntries(Object.entries(event.homed).map(([letter, is]) => [`${letter.toUpperCase()} homed`, is]))});
+  const lamps = Object.entries({...event.inputs, ...Object.fromEntries(Object.entries(event.homed).map(([letter, is]) => [t`${letter.toUpperCase()} homed`, is]))});
   const list = element("lamps");
   if (list.children.length !== lamps.length) list.replaceChildren(...lamps.map(() => document.createElement("li")));
   for (const [k, [name, active]] of lamps.entries()) {
     const item = list.children[k];
-    write(item, `${name}: ${active ? "on" : "off"}`);
-    item.classList.toggle("active", active && !name.endsWith("homed"));
+    write(item, `${word(name)}: ${active ? t`on` : t`off`}`);
+    item.classList.toggle("active", active && name in event.inputs);
   }
 }

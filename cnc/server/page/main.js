@@ -13,7 +13,9 @@ import * as parts from "./parts.js";
 import * as picture from "./picture.js";
 import * as probing from "./probing.js";
 import * as records from "./records.js";
+import * as texts from "./texts.js";
 
+await texts.begin();
 parts.begin(picture.redraw);
 await attempt(async () => {
   await machine.begin();

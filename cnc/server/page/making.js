@@ -5,6 +5,7 @@ import {askYes} from "./asking.js";
 import * as editing from "./editing.js";
 import * as jobs from "./jobs.js";
 import {keep, kept} from "./parts.js";
+import {t, word} from "./texts.js";
 
 const element = id => document.getElementById(id);
 /** Sketches by job: the part, the ways of the tool, and the places of its zero. X to the right, Y up. */
@@ -24,7 +25,7 @@ export async function begin() {
   kinds = await get("simple-jobs");
   element("make").hidden = !kinds.length;
   if (!kinds.length) return;
-  element("make-kind").replaceChildren(...kinds.map(({kind, title}) => new Option(title, kind)));
+  element("make-kind").replaceChildren(...kinds.map(({kind, title}) => new Option(word(title), kind)));
   element("make-kind").addEventListener("change", showForm);
   element("make-form").addEventListener("submit", event => {
     event.preventDefault();
@@ -38,11 +39,11 @@ function showForm() {
   element("make-sketch").replaceChildren(sketch(...SKETCHES[kind]));
   element("make-name").value = `${kind}.nc`;
   element("make-fields").replaceChildren(...parameters.map(({name, title, default: usual, type}) => {
-    const field = document.createElement("label"), isText = type === "text";
+    const field = document.createElement("label"), isText = type === "text", label = word(title);
     const input = Object.assign(document.createElement("input"), {name, required: true, value: values[name] ?? usual, type: isText ? "text" : "number"});
     if (!isText) input.step = type === "integer" ? "1" : "any";
     if (isText) input.maxLength = 200;
-    field.append(`${title[0].toUpperCase()}${title.slice(1)} `, input);
+    field.append(`${label[0].toUpperCase()}${label.slice(1)} `, input);
     return field;
   }));
 }
@@ -69,7 +70,7 @@ async function write() {
     await post(`simple-jobs/${kind}`, body);
   } catch (error) {
     if (!(error instanceof Refused) || error.finding.code !== "job-exists") throw error;
-    if (!await askYes(`Replace ${visible(name)}?`, "Replace")) return;
+    if (!await askYes(t`Replace ${visible(name)}?`, t`Replace`)) return;
     await post(`simple-jobs/${kind}`, {...body, replace: true});
   }
   element("make").open = false;

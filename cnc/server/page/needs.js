@@ -2,30 +2,32 @@
 //
 //   <button data-needs="control board idle">   the first need that is not met is the reason
 
+import {t, word} from "./texts.js";
+
 const element = id => document.getElementById(id);
 const PAUSES = ["tool", "stop"];
 const MOVING = ["running", "jogging", "homing"];
 
 /** Return whether a program waits at M0 or M6, where the machine may be used by hand. */
 const isPaused = () => element("question").open && PAUSES.includes(element("question").dataset.kind);
-const busy = ({activity}) => `the machine is busy (${activity}): wait for its end, or press STOP`;
+const busy = ({activity}) => t`the machine is busy (${word(activity)}): wait for its end, or press STOP`;
 
 /** By name: whether the need is met, and the reason where it is not. */
 const NEEDS = {
-  link: [({isOpen}) => isOpen, () => "the server does not answer: wait for the connection, or use the emergency stop"],
-  control: [({mine}) => mine, () => "you watch: press Take control first"],
-  board: [({state}) => state.state !== "disconnected", () => "no board is connected: connect it first"],
+  link: [({isOpen}) => isOpen, () => t`the server does not answer: wait for the connection, or use the emergency stop`],
+  control: [({mine}) => mine, () => t`you watch: press Take control first`],
+  board: [({state}) => state.state !== "disconnected", () => t`no board is connected: connect it first`],
   idle: [({state}) => state.activity === "none", ({state}) => busy(state)],
   free: [({state}) => ["none", "jog"].includes(state.activity) || isPaused(), ({state}) => busy(state)],
-  undo: [() => element("undo-zero").dataset.count !== "0", () => "no zero was set here that could be undone"],
+  undo: [() => element("undo-zero").dataset.count !== "0", () => t`no zero was set here that could be undone`],
   homed: [({state}) => element("unhomed").checked || Object.values(state.homed).every(Boolean),
-    () => "the machine is not homed: press Home, or tick \u201cwithout homing\u201d"],
-  placed: [({state}) => Object.values(state.homed).every(Boolean), () => "the machine is not homed: press Home first"],
-  unlocked: [({state}) => state.state !== "alarm", () => "the board is locked: home it, or press Unlock"],
-  motion: [({state}) => MOVING.includes(state.state), () => "nothing moves that could be held"],
-  held: [({state}) => state.held !== "" || ["held", "door"].includes(state.state), () => "nothing is held"],
-  saved: [() => element("edit-box").dataset.changed !== "true", () => "the text in the editor is not saved: save or close it first"],
-  job: [() => element("jobs").value !== "", () => "the library is empty: upload a program first"],
+    () => t`the machine is not homed: press Home, or tick \u201cwithout homing\u201d`],
+  placed: [({state}) => Object.values(state.homed).every(Boolean), () => t`the machine is not homed: press Home first`],
+  unlocked: [({state}) => state.state !== "alarm", () => t`the board is locked: home it, or press Unlock`],
+  motion: [({state}) => MOVING.includes(state.state), () => t`nothing moves that could be held`],
+  held: [({state}) => state.held !== "" || ["held", "door"].includes(state.state), () => t`nothing is held`],
+  saved: [() => element("edit-box").dataset.changed !== "true", () => t`the text in the editor is not saved: save or close it first`],
+  job: [() => element("jobs").value !== "", () => t`the library is empty: upload a program first`],
 };
 
 /** Mark each control that cannot work now. */

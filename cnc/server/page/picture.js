@@ -7,6 +7,7 @@ import {machine} from "./machine.js";
 import {icon} from "./parts.js";
 import {Part, decoded} from "./part.js";
 import * as playback from "./playback.js";
+import {t, word} from "./texts.js";
 
 const element = id => document.getElementById(id);
 const RAMP = {
@@ -30,14 +31,14 @@ const triple = colour => [1, 3, 5].map(k => parseInt(colour.slice(k, k + 2), 16)
 
 export function begin() {
   for (const name of Object.keys(VIEWS)) {
-    const made = Object.assign(document.createElement("button"), {type: "button", textContent: name === "3d" ? "3D" : name});
+    const made = Object.assign(document.createElement("button"), {type: "button", textContent: name === "3d" ? "3D" : word(name)});
     made.addEventListener("click", () => {
       fit(name);
       redraw();
     });
     element("views").append(made);
   }
-  const sizes = Object.assign(document.createElement("button"), {type: "button", className: "icon-only", title: "Dimensions of the cuts"});
+  const sizes = Object.assign(document.createElement("button"), {type: "button", className: "icon-only", title: t`Dimensions of the cuts`});
   sizes.setAttribute("aria-label", sizes.title);
   sizes.setAttribute("aria-pressed", "false");
   sizes.append(icon("ruler"));
@@ -139,9 +140,9 @@ export async function show(found, name, {isWhole = true, seconds = null} = {}) {
   const boxes = [about.extent, about.travel, about.stock].filter(Boolean);
   model.reach = Math.max(model.size, ...boxes.map(box => Math.hypot(...box.map(([low, high], k) => Math.max(Math.abs(low - origin[k]), Math.abs(high - origin[k]))))));
   scene = new Scene(element("space"), model, [...edges(about.travel, origin, "travel"), ...edges(about.stock, origin, "stock")]);
-  if (!scene.gl) element("picture-note").textContent = "The path needs WebGL 2, which this browser does not have.";
+  if (!scene.gl) element("picture-note").textContent = t`The path needs WebGL 2, which this browser does not have.`;
   else element("picture-note").textContent = about.facts + (isOther(seconds, about.duration)
-    ? `. This is the plan of cncrun; the board plans by itself and takes ${seconds.toFixed(1)} s.` : "");
+    ? t`. This is the plan of cncrun; the board plans by itself and takes ${seconds.toFixed(1)} s.` : "");
   playback.take(isWhole && about.duration > 0 && strokes.n > 1 ? about.duration : 0, lineAt);
   box = cutBox();
   fit(view ?? "3d");

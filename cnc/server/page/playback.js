@@ -1,6 +1,7 @@
 // Playback of the path in the picture, at any speed, with a slider of its time. It moves no machine.
 
 import {emit, on} from "./api.js";
+import {t} from "./texts.js";
 
 const element = id => document.getElementById(id);
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 5, 10, 20, 50, 100, 500];
@@ -75,7 +76,7 @@ function show() {
   element("play-time").value = time ?? end;
   element("play-all").hidden = time === null;
   const now = time === null ? 0 : lineAt(time);
-  element("play-shown").textContent = time === null ? `${end.toFixed(1)} s` : `${time.toFixed(1)} s${now ? `, line ${now}` : ""}`;
+  element("play-shown").textContent = time === null ? `${end.toFixed(1)} s` : `${time.toFixed(1)} s${now ? t`, line ${now}` : ""}`;
   if (now !== line) emit({event: "played", line: line = now});
   changed();
 }

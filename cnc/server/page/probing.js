@@ -3,6 +3,7 @@
 import {attempt, get, on, post} from "./api.js";
 import {say} from "./machine.js";
 import {sketch} from "./making.js";
+import {t, word} from "./texts.js";
 
 const element = id => document.getElementById(id);
 const BY_HAND = ["go_to", "trace_outline"];  // moves that have buttons of their own
@@ -34,7 +35,7 @@ export async function begin() {
   });
   on("height-map", ({name}) => attempt(async () => {
     await list();
-    say(`height map ${name} is in the library`, {isNote: true});
+    say(t`height map ${name} is in the library`, {isNote: true});
   }));
   const place = ({name}) => FIRST.includes(name) ? FIRST.indexOf(name) : FIRST.length;
   for (const cycle of (await get("probing")).sort((a, b) => place(a) - place(b))) if (!BY_HAND.includes(cycle.name)) {
@@ -45,7 +46,7 @@ export async function begin() {
 
 async function list() {
   const names = await get("height-maps"), before = chosen(), select = element("height-map");
-  select.replaceChildren(new Option("none", ""), ...names.map(name => new Option(name)));
+  select.replaceChildren(new Option(t`none`, ""), ...names.map(name => new Option(name)));
   if (names.includes(before)) select.value = before;
 }
 
@@ -54,18 +55,18 @@ function card(cycle) {
   const place = document.createElement("section"), form = document.createElement("form"), title = document.createElement("h2"), go = document.createElement("button");
   place.className = "card";
   form.className = "fields";
-  title.textContent = cycle.title;
+  title.textContent = word(cycle.title);
   for (const {name, title: label, default: value, choices} of cycle.parameters) {
     const field = document.createElement("label"), input = document.createElement(choices.length ? "select" : "input");
-    if (choices.length) input.append(...choices.map(([number, text]) => new Option(text, number)));
+    if (choices.length) input.append(...choices.map(([number, text]) => new Option(word(text), number)));
     else Object.assign(input, {type: "number", step: "any"});
     Object.assign(input, {name, value});
-    field.append(`${label} `, input);
+    field.append(`${word(label)} `, input);
     form.append(field);
   }
   go.type = "submit";
   go.dataset.needs = "link control board free unlocked";
-  go.textContent = `Run ${cycle.name}`;
+  go.textContent = t`Run ${cycle.name}`;
   form.append(go);
   form.addEventListener("submit", event => {
     event.preventDefault();

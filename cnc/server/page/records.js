@@ -3,6 +3,7 @@
 import {attempt, get, on, put, visible} from "./api.js";
 import {say, state} from "./machine.js";
 import {onPart, openPart} from "./parts.js";
+import {t, word} from "./texts.js";
 
 const element = id => document.getElementById(id);
 const KEPT = 2000;  // lines of the console
@@ -52,7 +53,7 @@ async function showSettings() {
     field.addEventListener("change", async () => {
       written.textContent = "";
       if (!/^-?\d{1,10}(\.\d{1,6})?$/.test(field.value.trim())) {
-        say(`${field.value} is no value of a setting\ngive a number, such as 250 or 0.010`);
+        say(t`${field.value} is no value of a setting\ngive a number, such as 250 or 0.010`);
         return;
       }
       const done = await attempt(() => put(`settings/${number}`, {value: field.value.trim()}));
@@ -61,7 +62,7 @@ async function showSettings() {
       if (!mine) return;
       field.value = mine.value;
       implied.textContent = mine.machine_file ?? "";
-      written.textContent = done === null ? "refused" : "verified";
+      written.textContent = done === null ? t`refused` : t`verified`;
     });
     row.insertCell().textContent = `$${number}`;
     row.insertCell().append(name, Object.assign(document.createElement("span"), {className: "small", textContent: ` ${unit}`}));
@@ -78,15 +79,15 @@ async function showHistory() {
   body.replaceChildren();
   for (const {job, began, outcome, seconds, findings} of runs) {
     const row = body.insertRow(), when = typeof began === "number" ? new Date(began * 1000) : new Date(began);
-    for (const text of [when.toLocaleString(), visible(job), outcome, `${seconds.toFixed(1)} s`]) row.insertCell().textContent = text;
+    for (const text of [when.toLocaleString(), visible(job), word(outcome), `${seconds.toFixed(1)} s`]) row.insertCell().textContent = text;
     row.cells[2].title = (findings ?? []).map(({message}) => message).join("\n");
     const cell = row.insertCell();
-    const made = Object.assign(document.createElement("button"), {type: "button", textContent: "Log"});
-    made.setAttribute("aria-label", `Log of ${visible(job)}, ${when.toLocaleString()}`);
+    const made = Object.assign(document.createElement("button"), {type: "button", textContent: t`Log`});
+    made.setAttribute("aria-label", t`Log of ${visible(job)}, ${when.toLocaleString()}`);
     made.addEventListener("click", () => attempt(async () => {
       const {text} = await get(`jobs/${encodeURIComponent(job)}/log?began=${began}`);
       element("log").hidden = false;
-      element("log").textContent = text || "This log is no longer kept.";
+      element("log").textContent = text || t`This log is no longer kept.`;
       element("log").focus();
     }));
     cell.append(made);
