@@ -30,10 +30,11 @@ from cnc.batch.task import Task
 from cnc.boards.protocols import LineSink, PulseSink
 from cnc.boards.registry import open_board
 from cnc.checks.selection import Selection
+from cnc.convert.programs import Converted, convert
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block
-from cnc.model.choices import DialectName
+from cnc.model.choices import Curves, DialectName, TargetName
 from cnc.model.diagnostics import BoardError, Diagnostic, UsageError
 from cnc.model.operator_control import Control, HomingStopped
 from cnc.planner.joints import Joints
@@ -57,6 +58,7 @@ __all__ = [
     "Block",
     "Callbacks",
     "Control",
+    "Converted",
     "HomingStopped",
     "Machine",
     "Outputs",
@@ -67,6 +69,7 @@ __all__ = [
     "Selection",
     "check",
     "check_many",
+    "convert_program",
     "from_points",
     "from_text",
     "home",
@@ -221,6 +224,37 @@ def check_many(
     loaded, chosen = _loaded(machine), options or RunOptions()
     tasks = [Task(str(program), loaded, chosen) for program in programs]
     return pool.check_tasks(tasks, jobs=jobs, scheduler=scheduler)
+
+
+def convert_program(
+    program: Program,
+    to: TargetName,
+    machine: MachineChoice = None,
+    *,
+    dialect: DialectName | None = None,
+    tolerance: float = 0.01,
+    curves: Curves = "lines",
+) -> Converted:
+    """Write a program for another control; the text is read back, and moves the machine alike.
+
+    Args:
+        program: The file, ``-`` for standard input, or a given text or points.
+        to: The control to write it for.
+        machine: The machine that both programs are for.
+        dialect: How to read it; None for the machine file's choice.
+        tolerance: Largest distance of curves that are written anew, mm.
+        curves: How short moves are written: as they are, as arcs, or as NURBS.
+
+    Returns:
+        The text with a report: what was kept, expanded and assumed, and the largest distance.
+
+    Raises:
+        CncError: A fault of the program; ``convert-cannot`` for what the control does not have;
+            ``convert-differs`` if no text of the same motion was found.
+        UsageError: If the file cannot be read, or the machine is a lathe.
+        MachineFileError: If the machine file is wrong.
+    """
+    return convert(program, _loaded(machine), dialect, to, tolerance=tolerance, curves=curves)
 
 
 def run(

@@ -33,6 +33,7 @@ from cnc.session.options import RunOptions
 from cnc.session.program_reader import (
     ProgramReader,
     SavedState,
+    Source,
     display_name,
     readable_file,
     with_source_lines,
@@ -97,7 +98,7 @@ class Converted:
 
 
 def convert(
-    program: str,
+    program: Source,
     machine: Machine,
     dialect: DialectName | None,
     to: TargetName,
@@ -108,7 +109,7 @@ def convert(
     """Return a program of another control, proved to move the machine alike.
 
     Args:
-        program: The file; ``-`` is standard input.
+        program: The file, ``-`` for standard input, or its text.
         machine: The machine that both programs are for.
         dialect: How to read it; None for the machine file's choice.
         to: The control to write it for.

@@ -196,3 +196,25 @@ def test_the_package_exports_the_public_names_on_first_use():
     subprocess.run([sys.executable, "-c", code], check=True, timeout=HANG)
     with pytest.raises(AttributeError, match="no attribute 'chek'"):
         cnc.chek  # noqa: B018
+
+
+CYCLE = "%\nO1\nG21 G90 G94 G54\nG0 X10. Y0. Z5.\nG99 G81 Y20. R2. Z-3. F100.\nX30.\nG80\nM30\n%\n"
+
+
+def test_a_program_is_converted_from_its_text():
+    converted = cnc.convert_program(cnc.from_text(CYCLE), "grbl", dialect="fanuc")
+    assert (converted.source, converted.target) == ("fanuc", "grbl")
+    assert b"G81" not in converted.text
+    assert converted.distance <= 1e-3
+    ends = [
+        block.points[-1].tolist()
+        for block in parse(cnc.from_text(converted.text.decode()), dialect="grbl")
+        if isinstance(block, Polyline)
+    ]
+    assert [30.0, 20.0, 2.0] in ends
+
+
+def test_what_a_control_does_not_have_is_an_error_of_its_line():
+    with pytest.raises(GcodeError, match="convert-cannot") as refused:
+        cnc.convert_program(cnc.from_text("G21 G90\nG38.2 Z-5 F100\nM2\n"), "fanuc")
+    assert refused.value.diagnostic.line == 2
