@@ -30,7 +30,6 @@ from cnc.batch.task import Task
 from cnc.boards.protocols import LineSink, PulseSink
 from cnc.boards.registry import open_board
 from cnc.checks.selection import Selection
-from cnc.convert.programs import Converted, convert
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block
@@ -52,13 +51,13 @@ from cnc.session.run_pulses import Progress
 from cnc.session.session import Session
 
 if TYPE_CHECKING:
+    from cnc.convert.programs import Converted
     from cnc.session.homing import AxisHoming, Squared, Switched
 
 __all__ = [
     "Block",
     "Callbacks",
     "Control",
-    "Converted",
     "HomingStopped",
     "Machine",
     "Outputs",
@@ -254,6 +253,9 @@ def convert_program(
         UsageError: If the file cannot be read, or the machine is a lathe.
         MachineFileError: If the machine file is wrong.
     """
+    # The parts of a conversion take time at each start of a program that converts nothing.
+    from cnc.convert.programs import convert
+
     return convert(program, _loaded(machine), dialect, to, tolerance=tolerance, curves=curves)
 
 
