@@ -17,7 +17,6 @@ from cnc.planner.known_path import STANDSTILL, intervals_of
 from cnc.planner.limits import Limits
 from cnc.planner.phases import plan_to_rest
 from tests.support.planner.motions import lines, machine, path_of
-from tests.support.planner.requests import FAMILIES, plans_of, random_program
 from tests.support.soak import share
 
 
@@ -89,29 +88,6 @@ def test_each_window_of_a_chain_with_many_feeds_has_a_result(monkeypatch):
         pass
     assert len(solved) > 20, "the case shows nothing"
     assert all(solved)
-
-
-def test_a_bend_of_some_micrometres_takes_few_cells(monkeypatch, tmp_path):
-    """It has hundreds of intervals, and is crossed within milliseconds.
-
-    With a cell for every six of them the work ended before the end of the path: 12.05 s.
-    """
-    rng = np.random.default_rng([30114002, FAMILIES.index("five axes"), 11])
-    program = random_program("five axes", rng, tmp_path)
-    sizes = []
-
-    def counted(*arguments):
-        legal, phases = refine.refine(*arguments)
-        sizes.append((len(phases), len(arguments[1].end)))
-        return legal, phases
-
-    monkeypatch.setattr(phases_module, "refine", counted)
-    plans = plans_of(program, 100.0)
-    ((phases, intervals),) = sizes
-    assert intervals > 100_000, "the case shows nothing"
-    # Two phases a cell, three where the acceleration changes its sign.
-    assert phases < 0.2 * intervals
-    assert plans[-1].t0 + plans[-1].duration < 11.9
 
 
 @pytest.mark.parametrize("stop", [None, 20])

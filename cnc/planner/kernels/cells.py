@@ -434,10 +434,8 @@ RAMP_CELLS = 5
 PLATEAU = 0.3
 """This part of the longest phase of constant acceleration counts as a jerk phase."""
 
-SPANNED, BRIEF = 6, 1e-3
-"""Largest number of ends of intervals inside a cell that takes longer than BRIEF, s. In a bend of
-some micrometres there are hundreds of intervals on a way that takes a few periods.
-"""
+SPANNED = 6
+"""Largest number of ends of intervals inside a cell."""
 
 UNEVEN = 0.5
 """Largest share of a limit by which the path may differ within a cell, at the speed that a cell may
@@ -561,7 +559,7 @@ def place_cuts(
             count += 1
             k = interval_at(here, k, end)
             size = min(least + 0.3 * min(t, duration - t), COARSEST * least) if steady else least
-            while size > max(least / 16.0, BRIEF):
+            while size > least / 16.0:
                 reached = phase_at(t + size, s0, v0, a0, j)[0]
                 if k + SPANNED >= len(end) or reached <= end[k + SPANNED]:
                     break
