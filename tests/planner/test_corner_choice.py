@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cnc.planner import lookahead
+from cnc.planner import lookahead, phases
 from cnc.planner.corner_choice import SHORT, passed_together
 from cnc.planner.kernels.corner_places import MOST_CORNERS
 from cnc.planner.kernels.corner_search import new_solutions
+from cnc.planner.kernels.refine import refine
 from cnc.planner.limits import Limits
 from tests.support.planner.corners import assert_legal, distances, duration, planned
 from tests.support.planner.motions import lines, machine, path_of, sampled
@@ -71,6 +72,19 @@ def test_corners_of_short_legs_alone_are_passed_together():
     assert not chosen(polygon(turns, [long] * 3), SLOW_TURNS).any()
     both = polygon([*turns, 30.0, *turns], [short] * 3 + [long] + [short] * 2)
     assert chosen(both, SLOW_TURNS).tolist()[:2] == [True, True]
+
+
+@pytest.mark.parametrize(("tolerances", "refined"), [(3.7, True), (20.0, False)])
+def test_nothing_is_refined_where_blends_are_faster_without(tolerances, refined, monkeypatch):
+    refinements = []
+
+    def counted(*arguments):
+        refinements.append(arguments)
+        return refine(*arguments)
+
+    monkeypatch.setattr(phases, "refine", counted)
+    assert chosen(polygon([60.0, -60.0], [tolerances * EPS] * 3), SLOW_TURNS).any() == refined
+    assert bool(refinements) == refined
 
 
 def test_corners_that_one_motion_cannot_pass_have_blends():

@@ -6,7 +6,6 @@ import ast
 import json
 import re
 from html.parser import HTMLParser
-from pathlib import Path
 
 from tests.support.paths import ROOT
 
@@ -105,8 +104,3 @@ def catalogue(language: str) -> dict[str, str]:
             assert parts["msgid"] not in entries, parts["msgid"]
             entries[parts["msgid"]] = parts["msgstr"]
     return entries
-
-
-def files(language: str) -> Path:
-    """Return the gettext file of a language."""
-    return PAGE / f"{language}.po"
