@@ -7,6 +7,7 @@ window (:mod:`cnc.planner.corner_motions`).
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
@@ -17,17 +18,25 @@ from cnc.model.motion_commands import carried_over
 from cnc.path.chunk import PathChunk
 from cnc.path.kernels.curve import Pieces
 from cnc.planner.kernels.arrays import PathArrays
+from cnc.planner.kernels.corner_bends import no_apexes
 from cnc.planner.kernels.corners import MOST_PIECES, round_corners
 from cnc.planner.kernels.legs import record_end
 from cnc.planner.limits import Limits
 
 Together = Callable[[PathChunk, bool], NDArray[np.bool_]]
 
-ACCURACY = 1e-12
-"""mm; accuracy of the arc length of blends and its inverse."""
-
 BLENDS_SIZE = 1 << 16
 """Size of the space for the records of blends, in numbers, at first."""
+
+
+class _Memory(threading.local):
+    """The last blends of a thread. They depend on nothing but what the search is given."""
+
+    def __init__(self) -> None:
+        self.apexes = no_apexes()
+
+
+_memory = _Memory()
 
 
 class CornerBlending:
@@ -101,10 +110,10 @@ class CornerBlending:
                 bound,
                 taken,
                 limits.arrays,
-                ACCURACY,
                 self._ramps,
                 rests,
                 together,
+                _memory.apexes,
                 out,
             )
             if count >= 0:

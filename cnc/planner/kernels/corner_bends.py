@@ -28,6 +28,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from cnc.compiled.jit import njit
 from cnc.path.kernels.curve import Floats
 from cnc.planner.kernels.arrays import LimitArrays
@@ -536,20 +539,31 @@ def _speed_of_swing(
     return low
 
 
+class Apex(NamedTuple):
+    """Motion at the apex of a blend.
+
+    Attributes:
+        speed: mm/s; 0 where there is no blend.
+        inside: distance from the corner, mm.
+    """
+
+    speed: float
+    inside: float
+
+
 @njit
-def fastest_blend(
-    sine: float, tolerance: float, feed: float, sides: tuple[Side, Side], bend: Bend
-) -> Blend:
-    """Return the fastest blend.
+def _fastest_apex(
+    half_turn: float, tolerance: float, feed: float, sides: tuple[Side, Side], bend: Bend
+) -> Apex:
+    """Return the apex of the fastest blend.
 
     Args:
-        sine: sin(theta/2) for a turn by theta.
+        half_turn: theta/2, rad.
         tolerance: mm.
         feed: largest speed at the apex, mm/s.
         sides: the legs before and behind the corner.
         bend: the least radius.
     """
-    half_turn = math.asin(sine)
     inside, outside = WITHIN * tolerance, OUTSIDE * tolerance
     for side in sides:
         if side.rests:
@@ -559,14 +573,16 @@ def fastest_blend(
         swing = 1.0 + LEAST_OUT * outside / (inside * math.cos(half_turn))
         low = _speed_of_swing(swing, 0.0, feed, half_turn, inside, sides, bend)
         if low == 0.0:
-            return best
+            return Apex(0.0, inside)
         best = _blend(low, half_turn, inside, outside, sides, bend)
         if best.time < math.inf:
             break
         over = max(best.before.reach / sides[0].room, best.after.reach / sides[1].room)
         inside *= min(SMALLER, SMALLER / over)
-    if not best.time < math.inf or low >= feed:
-        return best
+    if not best.time < math.inf:
+        return Apex(0.0, inside)
+    if low >= feed:
+        return Apex(low, inside)
     swing = 1.0 + outside / (inside * math.cos(half_turn))
     high = _speed_of_swing(swing, low, feed, half_turn, inside, sides, bend)
     other = _blend(high, half_turn, inside, outside, sides, bend)
@@ -587,12 +603,99 @@ def fastest_blend(
             else:
                 most, over = x, _taken(other, sides)
         high = low + above * least * least
+    speed, time = low, best.time
     for part in range(1, PARTS + 1):
         v = low + (high - low) * part / PARTS
         other = _blend(v, half_turn, inside, outside, sides, bend)
-        if other.time < best.time:
-            best = other
-    return best
+        if other.time < time:
+            speed, time = v, other.time
+    return Apex(speed, inside)
+
+
+class Apexes(NamedTuple):
+    """Apexes of the last blends. A corner is asked for again in each trial of the path around it.
+
+    Attributes:
+        asked: (KEY_SIZE,): what the search depends on.
+        bits: (KEY_SIZE,): the same numbers, as integers.
+        keys: (PLACES, KEY_SIZE): that of each place; NaN for none.
+        found: (PLACES, 2): its apex.
+    """
+
+    asked: Floats
+    bits: NDArray[np.int64]
+    keys: Floats
+    found: Floats
+
+
+KEY_SIZE, PLACES = 22, 1024
+
+
+def no_apexes() -> Apexes:
+    """Return a memory without a blend."""
+    asked = np.empty(KEY_SIZE)
+    keys = np.full((PLACES, KEY_SIZE), np.nan)
+    return Apexes(asked, asked.view(np.int64), keys, np.empty((PLACES, 2)))
+
+
+@njit
+def _write_key(
+    half_turn: float,
+    tolerance: float,
+    feed: float,
+    sides: tuple[Side, Side],
+    bend: Bend,
+    key: Floats,
+) -> None:
+    """Write what a search depends on to ``key`` (KEY_SIZE,)."""
+    key[0], key[1], key[2] = half_turn, tolerance, feed
+    key[3], key[4], key[5], key[6] = bend.by_square, bend.by_speed, bend.chord_error, bend.period
+    key[7], key[8], key[9] = bend.least, bend.accel, bend.sweep
+    at = 10
+    for side in sides:
+        key[at], key[at + 1] = side.room, side.length
+        key[at + 2] = 1.0 if side.rests else 0.0
+        key[at + 3], key[at + 4], key[at + 5] = side.line.v, side.line.a, side.line.j
+        at += 6
+
+
+@njit
+def fastest_blend(
+    sine: float,
+    tolerance: float,
+    feed: float,
+    sides: tuple[Side, Side],
+    bend: Bend,
+    apexes: Apexes,
+) -> Blend:
+    """Return the fastest blend; its time is infinite where there is none.
+
+    Args:
+        sine: sin(theta/2) for a turn by theta.
+        tolerance: mm.
+        feed: largest speed at the apex, mm/s.
+        sides: the legs before and behind the corner.
+        bend: the least radius.
+        apexes: those of the last blends; receives that of this one.
+    """
+    half_turn = math.asin(sine)
+    _write_key(half_turn, tolerance, feed, sides, bend, apexes.asked)
+    place = 0
+    for k in range(KEY_SIZE):
+        bits = apexes.bits[k]
+        place = (31 * place ^ (bits & 0xFFFFF) ^ (bits >> 20 & 0xFFFFF) ^ (bits >> 40)) & 0xFFFFF
+    place = (place ^ place >> 10) % PLACES
+    key, apex = apexes.keys[place], apexes.found[place]
+    same = True
+    for k in range(KEY_SIZE):
+        same = same and key[k] == apexes.asked[k]
+    if not same:
+        apex[0], apex[1] = _fastest_apex(half_turn, tolerance, feed, sides, bend)
+        for k in range(KEY_SIZE):
+            key[k] = apexes.asked[k]
+    if apex[0] == 0.0:
+        return no_blend()
+    return _blend(apex[0], half_turn, apex[1], OUTSIDE * tolerance, sides, bend)
 
 
 @njit

@@ -42,6 +42,7 @@ from cnc.path.kernels.fit_spline import Flags
 from cnc.planner.kernels.arrays import LimitArrays, PathArrays
 from cnc.planner.kernels.corner_bends import (
     MOST_CUBICS,
+    Apexes,
     Bend,
     Blend,
     Side,
@@ -69,6 +70,9 @@ from cnc.planner.kernels.limits import piece_junction, speed_bounds
 from cnc.planner.kernels.scurve import ramp_distance, ramp_time, reachable_speed
 from cnc.planner.kernels.timed import TIMED_SIZE, TIMED_SIZE_PER_AXIS, write_cubic, write_turns
 
+ACCURACY = 1e-12
+"""mm; accuracy of the arc length of blends and its inverse."""
+
 BLEND_POINTS = 9
 """Points at which the speed in a blend is bounded."""
 
@@ -87,6 +91,7 @@ class Scratch(NamedTuple):
         plane: (2, axes): two directions in the plane of a corner.
         v: (BLEND_POINTS,): speeds along a blend.
         s: (BLEND_POINTS,): distances of these places.
+        apexes: of the last blends.
     """
 
     u: Floats
@@ -96,6 +101,7 @@ class Scratch(NamedTuple):
     plane: Floats
     v: Floats
     s: Floats
+    apexes: Apexes
 
 
 @njit
@@ -311,7 +317,7 @@ def _blend_along(
     eps = path.tolerance[k] / corner_plane(sine, scratch.u, scratch.plane)
     feed = min(bound[k], bound[k + 1], largest_speed(scratch.plane, limits))
     bend = bend_of(scratch.plane, eps, max(sides[0].line.a, sides[1].line.a), limits)
-    return fastest_blend(sine, eps, feed, sides, bend), bend
+    return fastest_blend(sine, eps, feed, sides, bend, scratch.apexes), bend
 
 
 @njit
@@ -402,7 +408,6 @@ def append_cubics(
     k: int,
     treatment: Treatment,
     scratch: Scratch,
-    accuracy: float,
     out: PathArrays,
     count: int,
     used: int,
@@ -414,7 +419,6 @@ def append_cubics(
         k: the line before the corner.
         treatment: the blend.
         scratch: with the directions of the legs and the plane of the corner.
-        accuracy: largest error of the inverse arc length, mm.
         out: receives the pieces, without what does not depend on the shape.
         count: the pieces so far.
         used: the numbers of records so far.
@@ -445,7 +449,7 @@ def append_cubics(
             ends[2, i] += points[c, 2, 0] * e1 + points[c, 2, 1] * e2 - end
         out.pieces.kind[count], out.pieces.at[count] = SPAN, used
         table = write_cubic(data, used, like, ends[0], ends[1], ends[2], ends[3])
-        end_of_table = measure(SPAN, data, used, table, accuracy, scratch.q)
+        end_of_table = measure(SPAN, data, used, table, ACCURACY, scratch.q)
         used = write_turns(data, used, end_of_table)
         count += 1
     return count, used
@@ -458,10 +462,10 @@ def round_corners(
     bound: Floats,
     taken: float,
     limits: LimitArrays,
-    accuracy: float,
     ramps: bool,
     rests: bool,
     together: Flags,
+    apexes: Apexes,
     out: PathArrays,
 ) -> tuple[int, int, float]:
     """Choose the treatment of each corner of a chunk of path, and insert the blends.
@@ -474,10 +478,10 @@ def round_corners(
         bound: largest feed of each, mm/s; infinite for a traverse.
         taken: length that a blend has taken off the first piece, mm.
         limits: of the machine.
-        accuracy: largest error of the inverse arc length of blends, mm.
         ramps: whether the motion may pass stops.
         rests: whether the motion rests at the start.
         together: (own,): whether the corner behind each is to be passed with those beside it.
+        apexes: of the last blends.
         out: space for MOST_PIECES for each piece, and for their records.
 
     Returns:
@@ -493,6 +497,7 @@ def round_corners(
         np.zeros((2, n)),
         np.zeros(BLEND_POINTS),
         np.zeros(BLEND_POINTS),
+        apexes,
     )
     pieces, data, at = out.pieces, out.pieces.data, out.pieces.at
     used = len(path.pieces.data)
@@ -531,12 +536,12 @@ def round_corners(
             taken = treatment.after
             first = count
             if treatment.blend.time < math.inf:
-                count, used = append_cubics(path, k, treatment, scratch, accuracy, out, count, used)
+                count, used = append_cubics(path, k, treatment, scratch, out, count, used)
                 if count < 0:
                     return -1, 0, 0.0
             else:
                 table = blend + START + 2 * n + SPAN_BODY + 4 * (n + 1)
-                end = measure(SPAN, data, blend, table, accuracy, scratch.q)
+                end = measure(SPAN, data, blend, table, ACCURACY, scratch.q)
                 pieces.kind[count], at[count] = SPAN, blend
                 used = write_turns(data, blend, end)
                 count += 1
