@@ -40,6 +40,7 @@ from cnc.planner.phases import (
     release,
     steady_from,
 )
+from cnc.planner.work import Work
 
 # Ramps to rest: the shortest one on a straight path, and those with which a search begins.
 #
@@ -561,6 +562,7 @@ class _Search:
 
     def __init__(self, request: Request, lead: Phases, s: float, v: float) -> None:
         self.request, self.lead, self.s, self.v = request, lead, s, v
+        self._work = Work()
         path, goal, limits = request.path, request.goal, request.path.limits
         self.slowing = replace(
             limits,
@@ -625,7 +627,7 @@ class _Search:
         known = joined(parts, [0.0] * len(parts))
         for refined in (True, False):
             status, phases = plan_to_rest(
-                self.s, known, self.v, self.slowing, self.lead, refined=refined
+                self.s, known, self.v, self.slowing, self.lead, work=self._work if refined else None
             )
             if status != PLANNED:
                 return None

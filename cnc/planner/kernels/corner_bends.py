@@ -236,7 +236,10 @@ PARTS = 4
 """Speeds at the apex that are rated, but one."""
 
 HALVINGS = 20
-"""Halvings of a range of speeds at the apex."""
+NARROW = (1e-3, 0.02)
+"""Most halvings of a range of speeds at the apex. They end where it is this part of the speed, and
+of the range of speeds that are rated.
+"""
 
 SHRINKINGS = 12
 """Times that a blend is made smaller until the legs have room for it."""
@@ -502,6 +505,8 @@ def fastest_blend(
                     break
             else:
                 high = v
+            if high - low < NARROW[0] * low:
+                break
         if low == 0.0:
             return best
         best = _blend(low, half_turn, inside, OUTSIDE * tolerance, sides, bend)
@@ -520,6 +525,8 @@ def fastest_blend(
                 break
         else:
             high = v
+        if high - most < NARROW[1] * (most - low):
+            break
     for part in range(1, PARTS + 1):
         v = low + (most - low) * part / PARTS
         other = _blend(v, half_turn, inside, OUTSIDE * tolerance, sides, bend)
