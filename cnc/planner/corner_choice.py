@@ -68,8 +68,8 @@ FASTER = 0.998
 FASTER_THAN_SPLINE = 0.99
 """Corners are chosen where the motion takes less than this part of the time along the spline."""
 
-TRIAL = 3e-3
-"""s; computing time of a trial without its searches."""
+TRIAL, CORNER = 2e-3, 0.3e-3
+"""s; computing time of a trial without its searches, and of the blend at a corner of it."""
 
 
 class Trials:
@@ -109,7 +109,7 @@ class Trials:
                 blends = chosen[begin : end + 1]
                 together = blends.copy()
                 together[first - begin : last + 1 - begin] = True
-                times = self._times((legs, together), (legs, blends))
+                times = self._times((legs, together), (legs, blends), passes=True)
                 if times and times[0] < FASTER * times[1]:
                     chosen[first : last + 1] = True
         return chosen
@@ -117,21 +117,26 @@ class Trials:
     def answer(self, choice: Alternatives, joints: Joints) -> None:
         """Answer whether the motion of the tip has the corners."""
         paths = [_with_joints(path, joints) for path in (choice.spline, choice.corners)]
-        if times := self._times(*((path, np.zeros(len(path), np.bool_)) for path in paths)):
+        stops = (np.zeros(len(path), np.bool_) for path in paths)
+        passes = not only_along(self._limits.arrays)
+        if times := self._times(*zip(paths, stops, strict=True), passes=passes):
             self._work.earn(choice.share * min(times))
             choice.answer.values = (float(times[1] < FASTER_THAN_SPLINE * times[0]),)
 
-    def _times(self, *paths: tuple[PathChunk, NDArray[np.bool_]]) -> list[float]:
+    def _times(self, *paths: tuple[PathChunk, NDArray[np.bool_]], passes: bool) -> list[float]:
         """Return the time along each path, s; infinite without a motion. Nothing without work.
 
-        ``paths``: each with the corners of it that are passed together.
+        Args:
+            paths: each with the corners of it that are passed together.
+            passes: whether the motion passes stops. Where corners have blends few are left.
         """
         if self._work.left[0] <= 0.0:
             return []
-        self._work.left -= TRIAL * len(paths)
-        return [self._time(legs, together) for legs, together in paths]
+        corners = sum(np.count_nonzero(path.tolerance) for path, _ in paths)
+        self._work.left -= TRIAL * len(paths) + CORNER * corners
+        return [self._time(legs, together, passes) for legs, together in paths]
 
-    def _time(self, legs: PathChunk, together: NDArray[np.bool_]) -> float:
+    def _time(self, legs: PathChunk, together: NDArray[np.bool_], passes: bool) -> float:
         """Return the time of the motion along a path, s; infinite without one."""
         limits = self._limits
         (path,) = CornerBlending(limits, together=lambda *_: together).blended(iter((legs,)))
@@ -144,6 +149,8 @@ class Trials:
         )
         if status != PLANNED:
             return math.inf
+        if not (passes and path.tolerance.any()):
+            return float(phases["duration"].sum())
         plan = section.plan_chunk(phases, (goal, 0.0, 0.0), limits, 0.0)
         corners = CornerMotions(limits, Audit(limits), self._work, self.solutions)
         try:

@@ -562,7 +562,7 @@ class _Search:
 
     def __init__(self, request: Request, lead: Phases, s: float, v: float) -> None:
         self.request, self.lead, self.s, self.v = request, lead, s, v
-        self._work = Work()
+        self._work = Work(inf)
         path, goal, limits = request.path, request.goal, request.path.limits
         self.slowing = replace(
             limits,

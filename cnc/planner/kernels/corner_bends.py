@@ -53,7 +53,9 @@ it holds. By this ratio the speed grows with the turn. Beyond it half the turn h
 """
 
 SUBSTEPS = 4
-"""Steps of an integral for each cubic. The jerk is not constant in them."""
+"""Steps of an integral for each cubic. The jerk is not constant in them. To compare speeds, one is
+enough.
+"""
 
 MOST_GROWTH = 2.0
 """Largest such ratio."""
@@ -205,13 +207,15 @@ def _step(place: Place, h1: float, h2: float, ramp: Ramp, bend: Bend, scale: flo
 
 
 @njit
-def turned_to(place: Place, h1: float, h2: float, ramp: Ramp, bend: Bend, scale: float) -> Place:
+def turned_to(
+    place: Place, h1: float, h2: float, ramp: Ramp, bend: Bend, scale: float, substeps: int
+) -> Place:
     """Return the place at which the heading is ``h2``, from that at which it is ``h1``.
 
     The turn is at most that of a cubic.
     """
-    step = (h2 - h1) / SUBSTEPS
-    for k in range(SUBSTEPS):
+    step = (h2 - h1) / substeps
+    for k in range(substeps):
         place = _step(place, h1 + k * step, h1 + (k + 1) * step, ramp, bend, scale)
     return place
 
@@ -223,12 +227,14 @@ def steps_of(turn: float, bend: Bend) -> int:
 
 
 @njit
-def turned_along(place: Place, h1: float, h2: float, ramp: Ramp, bend: Bend, scale: float) -> Place:
+def turned_along(
+    place: Place, h1: float, h2: float, ramp: Ramp, bend: Bend, scale: float, substeps: int
+) -> Place:
     """Return the place at which the heading is ``h2``, in steps."""
     steps = steps_of(h2 - h1, bend)
     for k in range(steps):
         step = (h2 - h1) / steps
-        place = turned_to(place, h1 + k * step, h1 + (k + 1) * step, ramp, bend, scale)
+        place = turned_to(place, h1 + k * step, h1 + (k + 1) * step, ramp, bend, scale, substeps)
     return place
 
 
@@ -250,8 +256,10 @@ SMALLER = 0.98
 TURN_STEPS, SCALE_STEPS = 20, 20
 """Largest number of steps to the angle phi, and to the factor on the radius."""
 
-CLOSE = 1e-7
-"""Part of a distance by which the end of a blend may be off the leg. It is put on the leg."""
+CLOSE, ROUGHLY = 1e-7, 1e-3
+"""Part of a distance by which the end of a blend may be off the leg. It is put on the leg. To compare
+speeds, the second one is enough.
+"""
 
 WITHIN, OUTSIDE = 0.997, 0.99
 """Parts of the tolerance that are used, inside and outside. Cubics take less than the rest."""
@@ -399,7 +407,13 @@ def _ramp(v: float, side: Side, bend: Bend) -> Ramp:
 
 @njit
 def _half(
-    v: float, half_turn: float, inside: float, tolerance: float, side: Side, bend: Bend
+    v: float,
+    half_turn: float,
+    inside: float,
+    tolerance: float,
+    side: Side,
+    bend: Bend,
+    exact: bool,
 ) -> Half:
     """Return the half of a blend on one leg.
 
@@ -410,10 +424,12 @@ def _half(
         tolerance: largest distance to the outside, mm.
         side: the leg.
         bend: the least radius.
+        exact: whether its end is on the leg; it is near if not.
     """
     ramp = _ramp(v, side, bend)
+    close, substeps = (CLOSE, SUBSTEPS) if exact else (ROUGHLY, 1)
     from_leg = inside * math.cos(half_turn)
-    parallel = turned_along(Place(0.0, 0.0, 0.0, 0.0), -half_turn, 0.0, ramp, bend, 1.0)
+    parallel = turned_along(Place(0.0, 0.0, 0.0, 0.0), -half_turn, 0.0, ramp, bend, 1.0, substeps)
     out = -parallel.y - from_leg
     scale, turned, end = 1.0, 0.0, parallel
     if out <= LEAST_OUT * tolerance:
@@ -422,8 +438,8 @@ def _half(
         for _ in range(SCALE_STEPS):
             before, was = scale, -end.y
             scale *= (from_leg / was) ** (1.0 / power)
-            end = turned_along(Place(0.0, 0.0, 0.0, 0.0), -half_turn, 0.0, ramp, bend, scale)
-            if abs(from_leg + end.y) <= CLOSE * from_leg:
+            end = turned_along(Place(0.0, 0.0, 0.0, 0.0), -half_turn, 0.0, ramp, bend, scale, substeps)
+            if abs(from_leg + end.y) <= close * from_leg:
                 break
             if scale != before:
                 power = max(1.0, math.log(-end.y / was) / math.log(scale / before))
@@ -432,10 +448,10 @@ def _half(
         turned = math.sqrt(out / radius)
         for _ in range(TURN_STEPS):
             turned = min(turned, WIDEST)
-            end = turned_along(parallel, 0.0, turned, ramp, bend, 1.0)
-            end = turned_along(end, turned, 0.0, ramp, bend, 1.0)
+            end = turned_along(parallel, 0.0, turned, ramp, bend, 1.0, substeps)
+            end = turned_along(end, turned, 0.0, ramp, bend, 1.0, substeps)
             gained = end.y - parallel.y
-            if abs(gained - out) <= CLOSE * out or (turned == WIDEST and gained < out):
+            if abs(gained - out) <= close * out or (turned == WIDEST and gained < out):
                 break
             # It grows about as the square of the angle.
             turned *= math.sqrt(out / gained)
@@ -460,17 +476,19 @@ def _blend(
     tolerance: float,
     sides: tuple[Side, Side],
     bend: Bend,
+    exact: bool,
 ) -> Blend:
     """Return the blend with speed ``v`` at the apex; its time is infinite if it does not fit."""
-    before = _half(v, half_turn, inside, tolerance, sides[0], bend)
-    after = _half(v, half_turn, inside, tolerance, sides[1], bend)
+    before = _half(v, half_turn, inside, tolerance, sides[0], bend, exact)
+    after = _half(v, half_turn, inside, tolerance, sides[1], bend, exact)
     return Blend(before.time + after.time, half_turn, inside, before, after)
 
 
 @njit
 def _without_swing(v: float, half_turn: float, inside: float, side: Side, bend: Bend) -> bool:
     """Return whether the half with that speed at the apex stays inside."""
-    end = turned_along(Place(0.0, 0.0, 0.0, 0.0), -half_turn, 0.0, _ramp(v, side, bend), bend, 1.0)
+    start, ramp = Place(0.0, 0.0, 0.0, 0.0), _ramp(v, side, bend)
+    end = turned_along(start, -half_turn, 0.0, ramp, bend, 1.0, 1)
     return -end.y <= inside * math.cos(half_turn)
 
 
@@ -509,7 +527,7 @@ def fastest_blend(
                 break
         if low == 0.0:
             return best
-        best = _blend(low, half_turn, inside, OUTSIDE * tolerance, sides, bend)
+        best = _blend(low, half_turn, inside, OUTSIDE * tolerance, sides, bend, True)
         if best.time < math.inf:
             break
         over = max(best.before.reach / sides[0].room, best.after.reach / sides[1].room)
@@ -519,7 +537,7 @@ def fastest_blend(
     high, most = feed, low
     for k in range(HALVINGS):
         v = high if k == 0 else 0.5 * (most + high)
-        if _blend(v, half_turn, inside, OUTSIDE * tolerance, sides, bend).time < math.inf:
+        if _blend(v, half_turn, inside, OUTSIDE * tolerance, sides, bend, False).time < math.inf:
             most = v
             if k == 0:
                 break
@@ -527,11 +545,16 @@ def fastest_blend(
             high = v
         if high - most < NARROW[1] * (most - low):
             break
+    fastest, least = low, best.time
     for part in range(1, PARTS + 1):
         v = low + (most - low) * part / PARTS
-        other = _blend(v, half_turn, inside, OUTSIDE * tolerance, sides, bend)
-        if other.time < best.time:
-            best = other
+        time = _blend(v, half_turn, inside, OUTSIDE * tolerance, sides, bend, False).time
+        if time < least:
+            fastest, least = v, time
+    if fastest > low:
+        faster = _blend(fastest, half_turn, inside, OUTSIDE * tolerance, sides, bend, True)
+        if faster.time < best.time:
+            return faster
     return best
 
 
@@ -573,7 +596,7 @@ def write_points(blend: Blend, bend: Bend, points: Floats) -> None:
                 step = -half.turned / back
                 h1 = half.turned + (c - main) * step
             h2 = h1 + step
-            end = turned_to(place, h1, h2, half.ramp, bend, half.scale)
+            end = turned_to(place, h1, h2, half.ramp, bend, half.scale, SUBSTEPS)
             # The cubic of the time, but with the points of an arc where the speed is constant.
             ahead = 4.0 / 3.0 * math.tan(0.25 * abs(step)) / abs(step) * (end.t - place.t)
             r1, r2 = ahead * speed_at(place.t, half.ramp), ahead * speed_at(end.t, half.ramp)

@@ -90,12 +90,6 @@ of the turns of long rows would take most of the planning time and save 0.03 % o
 WORTHWHILE = 0.002
 """A refinement has to save this part of a stretch's time."""
 
-CELL = 50e-6
-"""s; computing time of a cell."""
-
-FAILED = 8.0
-"""A cell of a window without a legal result takes so many times as long as that of another one."""
-
 
 @njit
 def sum_limits(limits: LimitArrays) -> SumLimits:
@@ -245,7 +239,7 @@ def refine_stretch(
         stretch: the stretch.
         intervals: the intervals of the plan.
         limits: the limits.
-        left: (1,): computing time that is left, s; it is lowered. A rough stretch does not stop there.
+        left: (1,): computing time that is left, s; it is lowered.
         out: receives the phases.
         count: number of phases in it.
 
@@ -270,7 +264,7 @@ def refine_stretch(
     done = 0
     longest = WINDOW
     while done < n:
-        if left[0] <= 0.0 and not stretch.rough:
+        if left[0] <= 0.0:
             out = with_space(out, count, 4 * len(head.length) + most)
             count = write_cells(head, 0, len(head.length), out, count)
             written, fits = write_rows(
@@ -290,8 +284,7 @@ def refine_stretch(
             for m in range(max(seam - SEAM, 0), max(size - UNSEAMED, seam)):
                 window.share[m] = window.pace[m] = SEAM_SHARE
             describe(window, intervals)
-        solved, cells = fastest(window, intervals, limits)
-        left[0] -= CELL * (size if solved else FAILED * size)
+        solved, cells = fastest(window, intervals, limits, left)
         out = with_space(out, count, 4 * (len(cells.length) + len(head.length)) + most)
         if not solved and len(head.length) > 0:
             # The motion behind the seam stays, and the next window begins behind it.
@@ -336,8 +329,7 @@ def refine(
         machine: the limits.
         rough: whether the plan itself may be illegal. A stretch of it that is legal, and can hardly
             gain, stays as it is.
-        left: (1,): computing time that is left, s; it is lowered. A rough plan is refined in any
-            case.
+        left: (1,): computing time that is left, s; it is lowered.
 
     Returns:
         Whether the result is legal, and its phases; none if it is not.
