@@ -33,7 +33,7 @@ from cnc.model.diagnostics import MotionLimitError
 from cnc.path.chunk import PathChunk
 from cnc.path.fit import Alternatives
 from cnc.path.kernels.curve import LINE, START, Pieces
-from cnc.planner.acceptance import open_at_start
+from cnc.planner.acceptance import INTERVAL, open_at_start
 from cnc.planner.audit import Audit
 from cnc.planner.corner_motions import CornerMotions
 from cnc.planner.corners import CornerBlending
@@ -68,7 +68,7 @@ FASTER = 0.998
 FASTER_THAN_SPLINE = 0.99
 """Corners are chosen where the motion takes less than this part of the time along the spline."""
 
-TRIAL, CORNER = 2e-3, 0.3e-3
+TRIAL, CORNER = 1.5e-3, 0.15e-3
 """s; computing time of a trial without its searches, and of the blend at a corner of it."""
 
 
@@ -144,9 +144,9 @@ class Trials:
         known = KnownPath(limits)
         section = known.add(path, None, None)
         goal, _ = known.goal(0.0)
-        status, phases = plan_to_rest(
-            0.0, open_at_start(known.intervals(limits, 0.0, goal)), 0.0, limits
-        )
+        intervals = open_at_start(known.intervals(limits, 0.0, goal))
+        self._work.left -= INTERVAL * len(intervals.end)
+        status, phases = plan_to_rest(0.0, intervals, 0.0, limits)
         if status != PLANNED:
             return math.inf
         if not (passes and path.tolerance.any()):

@@ -19,7 +19,7 @@ TOUCHING = 1e-6
 ROUGHLY = 1.4
 """A plan that will be refined may be this much faster than the usual bounds allow."""
 
-BEFORE = 0.6
+BEFORE = 0.8
 """Part of the computing time that a motion allows which its refinement may use. The rest is for its
 corners.
 """

@@ -1,7 +1,7 @@
 """Computing time that the motion allows for searches.
 
 A search is given up where it would take longer: the simpler plan stays. The time is counted by the
-steps of each search, at the seconds that a step takes. A count does not depend on the machine or on
+steps of each search, at the seconds that a step takes on a quiet machine. A count does not depend on the machine or on
 the number of its cores, as a clock would. So the motion does not either.
 
     left = FIRST at first,  + RATE * time of the run,  - steps of searches
@@ -20,10 +20,10 @@ import numpy as np
 FIRST = 0.2
 """s; computing time of a planner that needs no motion. Short programs live by it."""
 
-RATE = 0.06
+RATE = 0.08
 """Computing time of a planner by the time of the run."""
 
-FIRST_OF_TRIALS, RATE_OF_TRIALS = 0.1, 0.04
+FIRST_OF_TRIALS, RATE_OF_TRIALS = 0.1, 0.02
 """Those of the trials of two paths along the same moves, by the time of their motion."""
 
 

@@ -37,7 +37,7 @@ SOLUTIONS = 64
 NUMBERS = 1536
 """Most numbers of the input of a motion that is kept."""
 
-ROW = 0.8e-6
+ROW = 0.4e-6
 """s; computing time of a row of a step of Newton's method."""
 
 

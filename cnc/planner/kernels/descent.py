@@ -320,7 +320,7 @@ def add_bend(by_jerk: float, v: float, a: float, block: Floats) -> None:
     block[1, 1] += bend
 
 
-STEP = 1e-6
+STEP = 0.5e-6
 """s; computing time of a step by the number of cells."""
 
 STEPS = 40

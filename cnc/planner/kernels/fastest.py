@@ -69,7 +69,7 @@ Until DOUBTFUL tries have failed only that of the last step is examined.
 DOUBTFUL = 4
 """Failed tries from which on each step is examined: an examination costs as much as a descent."""
 
-EXAMINATION = 10e-6
+EXAMINATION = 5e-6
 """s; computing time of an examination by the number of cells."""
 
 TRIES = 30
