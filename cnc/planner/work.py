@@ -1,8 +1,8 @@
 """Computing time that the motion allows for searches.
 
 A search is given up where it would take longer: the simpler plan stays. The time is counted by the
-steps of each search, at the seconds that a step takes on a quiet machine. A count does not depend on the machine or on
-the number of its cores, as a clock would. So the motion does not either.
+steps of each search, at the seconds that a step takes on a quiet machine. A count does not depend
+on the machine or on the number of its cores, as a clock would. So the motion does not either.
 
     left = FIRST at first,  + RATE * time of the run,  - steps of searches
 
@@ -42,7 +42,7 @@ class Work:
         self._time = 0.0
 
     def reach(self, time: float) -> None:
-        """Allow computing for the run up to ``time``, s. A time before the last one changes nothing."""
+        """Allow computing for the run up to ``time``, s; none for a time before the last one."""
         self.earn(time - self._time)
         self._time = max(time, self._time)
 

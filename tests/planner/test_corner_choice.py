@@ -28,7 +28,7 @@ def with_blends(monkeypatch, points, mill, feed):
         patch.setattr(
             Trials,
             "passed_together",
-            lambda path, rests, limits, solutions: np.zeros(len(path), np.bool_),
+            lambda self, path, rests: np.zeros(len(path), np.bool_),
         )
         return planned(points, EPS, mill, feed)[0]
 
@@ -55,7 +55,9 @@ def test_the_choice_is_never_slower_than_blends(seed, monkeypatch):
 def chosen(points, mill):
     (chunk,) = path_of([lines(points, 50.0)])
     tolerance = np.where(np.arange(len(chunk)) < len(chunk) - 1, EPS, 0.0)
-    return Trials(Limits.of(mill), Work()).passed_together(replace(chunk, tolerance=tolerance), True)
+    return Trials(Limits.of(mill), Work()).passed_together(
+        replace(chunk, tolerance=tolerance), True
+    )
 
 
 SLOW_TURNS = machine(tangential=5000.0, normal=8800.0, jerk=826_000.0)

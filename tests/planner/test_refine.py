@@ -26,8 +26,8 @@ from cnc.planner.known_path import STANDSTILL, intervals_of
 from cnc.planner.limits import Limits
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.phases import plan_to_rest
-from cnc.planner.work import Work
 from cnc.planner.plan import PlanChunk
+from cnc.planner.work import Work
 from tests.support.planner.hairpins import duration
 from tests.support.planner.motions import AXES, arc, lines, machine, path_of
 from tests.support.soak import share

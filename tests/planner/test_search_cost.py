@@ -146,7 +146,7 @@ def steps_counted(monkeypatch) -> list[float]:
 
 
 def test_a_stretch_takes_no_more_steps_than_its_time_allows(monkeypatch):
-    """The last descent and the examination behind it may be over; a failed window counts in full."""
+    """The last descent and the examination behind it may be over. A failed window counts, too."""
     path, limits = zigzag()
     known = intervals_of(path, limits, STANDSTILL, STANDSTILL)
     _, phases = plan_to_rest(0.0, known, 0.0, limits)

@@ -257,8 +257,8 @@ TURN_STEPS, SCALE_STEPS = 20, 20
 """Largest number of steps to the angle phi, and to the factor on the radius."""
 
 CLOSE, ROUGHLY = 1e-7, 1e-3
-"""Part of a distance by which the end of a blend may be off the leg. It is put on the leg. To compare
-speeds, the second one is enough.
+"""Part of a distance by which the end of a blend may be off the leg. It is put on the leg. To
+compare speeds, the second one is enough.
 """
 
 WITHIN, OUTSIDE = 0.997, 0.99
@@ -438,7 +438,9 @@ def _half(
         for _ in range(SCALE_STEPS):
             before, was = scale, -end.y
             scale *= (from_leg / was) ** (1.0 / power)
-            end = turned_along(Place(0.0, 0.0, 0.0, 0.0), -half_turn, 0.0, ramp, bend, scale, substeps)
+            end = turned_along(
+                Place(0.0, 0.0, 0.0, 0.0), -half_turn, 0.0, ramp, bend, scale, substeps
+            )
             if abs(from_leg + end.y) <= close * from_leg:
                 break
             if scale != before:

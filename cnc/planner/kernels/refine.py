@@ -24,8 +24,6 @@ A plan in which nothing costs time is left as it is.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
