@@ -317,7 +317,7 @@ class Choice:
         """Mark the vertices at which the motion is faster with corners.
 
         Yields:
-            Each choice; it is to be answered before the next one.
+            Each choice; it is to be answered before the next one. Without an answer it is the last.
 
         Args:
             x: (m, n): vertices, mm.
@@ -346,6 +346,9 @@ class Choice:
                     offered.add((first, last))
                     choice = Alternatives(spline.file, int(spline.line[0]), spline, corners, own)
                     yield choice
+                    if choice.answer.values is None:
+                        # There is no computing time for more choices before the motion goes on.
+                        return
                     if choice.answer.values == (1.0,):
                         corner[first : last + 1] |= part.turning
                         again = True

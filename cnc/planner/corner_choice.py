@@ -68,8 +68,9 @@ FASTER = 0.998
 FASTER_THAN_SPLINE = 0.99
 """Corners are chosen where the motion takes less than this part of the time along the spline."""
 
-TRIAL, CORNER = 1.5e-3, 0.15e-3
-"""s; computing time of a trial without its searches, and of the blend at a corner of it."""
+TRIAL, CORNER = 3e-3, 0.15e-3
+"""s; computing time of a trial with its path, without searches; and that of the blend at a corner.
+"""
 
 
 class Trials:
@@ -95,6 +96,7 @@ class Trials:
         """
         chosen = np.zeros(len(path), np.bool_)
         if only_along(self._limits.arrays):
+            self._work.left -= CORNER * np.count_nonzero(path.tolerance)
             s = np.concatenate(([0.0], np.cumsum(path.length)))
             for first, last in _rows(path):
                 far = BESIDE * path.tolerance[first : last + 1].max()
