@@ -446,7 +446,7 @@ def slower_plan(request: Request, slow_from: float) -> SlowerPlan | None:
         part = pace_wanted(plan[first:], ahead)
     if part >= KEPT:
         known = path.intervals(limits, s, request.goal)
-        legal, faster = refine(plan, lowered(known), limits.arrays, True, 0.0)
+        legal, faster = refine(plan, lowered(known), limits.arrays, True, Work(inf).left)
         if legal and not exceeding_sections(path, faster, known):
             plan = faster
         return SlowerPlan(plan, steady_from(plan, 0), slow_from, slowing)
