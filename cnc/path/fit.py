@@ -273,11 +273,13 @@ class Alternatives(Block):
     Attributes:
         spline: the path as a spline.
         corners: the path with corners.
+        share: part of them that is offered for the first time.
         answer: whether the motion is to have the corners, as 1 or 0.
     """
 
     spline: PathChunk
     corners: PathChunk
+    share: float
     answer: Answer = field(default_factory=Answer, compare=False)
 
 
@@ -315,7 +317,7 @@ class Choice:
         """Mark the vertices at which the motion is faster with corners.
 
         Yields:
-            Each choice; it is to be answered before the next one.
+            Each choice; it is to be answered before the next one. Without an answer it is the last.
 
         Args:
             x: (m, n): vertices, mm.
@@ -325,6 +327,7 @@ class Choice:
             whole: whether the chain begins at the first vertex, and ends at the last one.
         """
         slower: set[tuple[int, int, bytes]] = set()
+        offered: set[tuple[int, int]] = set()
         again = True
         while again:
             # What is faster in one part depends on the parts beside it.
@@ -338,15 +341,21 @@ class Choice:
                     if key in slower:
                         # Nothing has changed beside it, and each timing takes long.
                         continue
-                    choice = self._alternatives(part, (low, high), x, moves, metrics, corner)
+                    spline, corners = self._paths(part, (low, high), x, moves, metrics, corner)
+                    own = 0.0 if (first, last) in offered else (last - first) / (high - low)
+                    offered.add((first, last))
+                    choice = Alternatives(spline.file, int(spline.line[0]), spline, corners, own)
                     yield choice
+                    if choice.answer.values is None:
+                        # There is no computing time for more choices before the motion goes on.
+                        return
                     if choice.answer.values == (1.0,):
                         corner[first : last + 1] |= part.turning
                         again = True
                     else:
                         slower.add(key)
 
-    def _alternatives(
+    def _paths(
         self,
         part: Part,
         beside: tuple[int, int],
@@ -354,7 +363,7 @@ class Choice:
         moves: Moves,
         metrics: Flags,
         corner: Flags,
-    ) -> Alternatives:
+    ) -> tuple[PathChunk, PathChunk]:
         """Return the paths without and with corners at the vertices of a part.
 
         ``beside``: their first and their last vertex.
@@ -367,8 +376,7 @@ class Choice:
         broken = smooth.copy()
         broken[part.first - low : part.last + 1 - low] |= part.turning
         spline = self._path(x[inside], some, metrics, smooth)
-        corners = self._path(x[inside], some, metrics, broken)
-        return Alternatives(spline.file, int(spline.line[0]), spline, corners)
+        return spline, self._path(x[inside], some, metrics, broken)
 
     def _path(self, x: Floats, moves: Moves, metrics: Flags, corner: Flags) -> PathChunk:
         """Return the fitted path of a part, from rest to rest."""

@@ -20,19 +20,17 @@ from cnc.planner.kernels.lookahead import PLANNED
 from cnc.planner.known_path import KnownPath, Section
 from cnc.planner.limits import Limits
 from cnc.planner.phases import cut_at_length, plan_to_rest
+from cnc.planner.work import Work
+
+INTERVAL = 4e-6
+"""s; computing time of an interval and of the plan over it."""
 
 ACCEPTED = 0.5 * TOLERANCE
 """Relative; an accepted plan may exceed a limit by this, where the audit allows twice as much."""
 
 
 def accepted_plan(
-    path: KnownPath,
-    start: float,
-    goal: float,
-    v_start: float,
-    idle: float = 0.0,
-    *,
-    refined: bool = True,
+    path: KnownPath, start: float, goal: float, v_start: float, work: Work
 ) -> tuple[int, Phases, Intervals]:
     """Plan from ``start`` to rest at ``goal``, with intervals that are fine enough.
 
@@ -41,8 +39,7 @@ def accepted_plan(
         start: arc length, mm.
         goal: arc length of the rest.
         v_start: speed at the start, mm/s.
-        idle: time of motion before in which nothing was planned, s.
-        refined: whether the plan may be refined.
+        work: computing time for refinements.
 
     Returns:
         The status and the phases of :func:`cnc.planner.phases.plan_to_rest`, and the intervals.
@@ -52,7 +49,8 @@ def accepted_plan(
         intervals = path.intervals(limits, start, goal)
         if v_start == 0.0:
             intervals = open_at_start(intervals)
-        status, phases = plan_to_rest(start, intervals, v_start, limits, refined=refined, idle=idle)
+        work.left -= INTERVAL * len(intervals.end)
+        status, phases = plan_to_rest(start, intervals, v_start, limits, work=work)
         if status != PLANNED:
             return status, phases, intervals
         exceeding = exceeding_sections(path, phases, intervals)
@@ -60,7 +58,7 @@ def accepted_plan(
             return status, phases, intervals
         finer = [section.cut_finer(limits) for section in exceeding]
         if not any(finer):
-            status, phases = plan_to_rest(start, intervals, v_start, limits, refined=False)
+            status, phases = plan_to_rest(start, intervals, v_start, limits)
             return status, phases, intervals
 
 

@@ -44,6 +44,7 @@ from cnc.planner.plan import (
     part,
     with_own_end,
 )
+from cnc.planner.work import Work
 
 
 class CornerMotions:
@@ -53,14 +54,22 @@ class CornerMotions:
     refuses such a motion stay stops.
     """
 
-    def __init__(self, limits: Limits, audit: Audit, solutions: Solutions | None = None) -> None:
+    def __init__(
+        self,
+        limits: Limits,
+        audit: Audit,
+        work: Work | None = None,
+        solutions: Solutions | None = None,
+    ) -> None:
         """Create the stage behind the window.
 
-        ``audit`` checks its results. ``solutions``: of searches with the same limits.
+        ``audit`` checks its results. ``work``: computing time for searches. ``solutions``: of
+        searches with the same limits and the same ``work``.
         """
+        self._work = Work() if work is None else work
         self._limits = limits
         self._audit = audit
-        self._solutions = new_solutions() if solutions is None else solutions
+        self._solutions = new_solutions(self._work.left) if solutions is None else solutions
         self._held: PlanChunk | None = None
         self._shared = False
         """Whether the next part begins on a leg that begins with a corner that is passed."""
@@ -208,18 +217,19 @@ class CornerMotions:
         out = empty_path(most, len(plan.path.data) + (corners + 1) * corner_size(axes))
         out_plan = empty_plan(most, phases)
         chains = PassedChains(np.empty(corners), np.empty(corners), np.empty(corners))
-        count, spans, numbers, passed = pass_corners(
-            path,
-            plan.arrays,
-            self._shared,
-            limits.feeds(plan.path),
-            limits.arrays,
-            limits.travel,
-            self._solutions,
-            out,
-            out_plan,
-            chains,
-        )
+        with self._work.ahead(plan.duration):
+            count, spans, numbers, passed = pass_corners(
+                path,
+                plan.arrays,
+                self._shared,
+                limits.feeds(plan.path),
+                limits.arrays,
+                limits.travel,
+                self._solutions,
+                out,
+                out_plan,
+                chains,
+            )
         if not passed:
             return None
         moved = self._moved(plan)

@@ -18,7 +18,7 @@ from cnc.model.motion_commands import carried_over
 from cnc.path.chunk import PathChunk
 from cnc.path.kernels.curve import Pieces
 from cnc.planner.kernels.arrays import PathArrays
-from cnc.planner.kernels.corner_bends import no_apexes
+from cnc.planner.kernels.corner_bends import no_kept_blends
 from cnc.planner.kernels.corners import MOST_PIECES, round_corners
 from cnc.planner.kernels.legs import record_end
 from cnc.planner.limits import Limits
@@ -33,7 +33,7 @@ class _Memory(threading.local):
     """The last blends of a thread. They depend on nothing but what the search is given."""
 
     def __init__(self) -> None:
-        self.apexes = no_apexes()
+        self.kept = no_kept_blends()
 
 
 _memory = _Memory()
@@ -113,7 +113,7 @@ class CornerBlending:
                 self._ramps,
                 rests,
                 together,
-                _memory.apexes,
+                _memory.kept,
                 out,
             )
             if count >= 0:

@@ -1,6 +1,6 @@
 """Look-ahead: plans for a stream of path, in one pass and with a window of bounded length.
 
-The faster of two paths along the same moves is chosen before (:func:`with_faster_paths`).
+The faster of two paths along the same moves is chosen before (corner_choice.py).
 
     path ──► blends ──► window ──► motions past corners, audit ──► plans
            (corners.py)   ^      (corner_motions.py, audit.py)
@@ -21,7 +21,6 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from enum import Enum
-from functools import partial
 from math import inf
 from typing import NamedTuple
 
@@ -30,21 +29,17 @@ from cnc.model.blocks import Block, BoardCommand, Held, Message, Overrides, Prob
 from cnc.model.diagnostics import MotionLimitError
 from cnc.model.operator_control import Control
 from cnc.path.chunk import PathChunk
-from cnc.path.fit import Alternatives
-from cnc.path.kernels.curve import START
 from cnc.planner.audit import Audit
-from cnc.planner.corner_choice import passed_together
+from cnc.planner.corner_choice import Trials
 from cnc.planner.corner_hold import stop_inside, under_clock
 from cnc.planner.corner_motions import CornerMotions
 from cnc.planner.corners import CornerBlending
 from cnc.planner.finished import Finished, FinishedPart
-from cnc.planner.joints import Joints
-from cnc.planner.kernels.corner_search import new_solutions
-from cnc.planner.kernels.corners import only_along
 from cnc.planner.known_path import with_feeds_in_effect
 from cnc.planner.limits import Limits
 from cnc.planner.plan import PlanChunk
 from cnc.planner.window import LONG, SLICE, SLICE_LENGTH, STOPS_KNOWN, Window
+from cnc.planner.work import Work
 
 # Where a request of the operator may begin.
 #
@@ -178,7 +173,6 @@ class LookAhead:
         slice_s: float = SLICE,
         stops_known: float = STOPS_KNOWN,
         judged: bool = True,
-        trial: bool = False,
     ) -> None:
         """Create a planner.
 
@@ -190,21 +184,14 @@ class LookAhead:
             stops_known: stopping distances that the window holds when it is planned.
             judged: whether a plan that breaks a limit is a fault. It is none where only the speeds
                 are needed, because the board plans for itself.
-            trial: whether the plan serves to compare times alone. Corners between short legs are
-                not timed in two ways then, and the plan is not refined where no axis limits the
-                jerk. That takes most of the computing time, and hardly changes which of two paths
-                is faster: it saves about as much on both.
         """
         self.limits = Limits.of(machine)
         self.audit = Audit(self.limits, judges=judged)
-        refines = not (trial and only_along(self.limits.arrays))
-        self._window = Window(self.limits, stops_known, refines=refines)
-        solutions = new_solutions()
-        choice = (
-            None if trial else partial(passed_together, limits=self.limits, solutions=solutions)
-        )
-        self._blending = CornerBlending(self.limits, together=choice)
-        self._corners = CornerMotions(self.limits, self.audit, solutions)
+        work = Work()
+        self._window = Window(self.limits, stops_known, work)
+        trials = Trials(self.limits, work)
+        self._blending = CornerBlending(self.limits, together=trials.passed_together)
+        self._corners = CornerMotions(self.limits, self.audit, work, trials.solutions)
         self._rewind = Rewind()
         self._factor = 1.0
         """The factor of the feeds for which the plan was made that counts."""
@@ -574,36 +561,3 @@ class LookAhead:
         while self._finished:
             yield self._finished.take(inf)
         self._leave_out()
-
-
-# The faster of two paths along the same moves: a spline, or corners.
-
-FASTER = 0.99
-"""Corners are chosen where the motion takes less than this part of the time along the spline."""
-
-
-def with_faster_paths(
-    path: Iterable[PathChunk | Block], machine: Machine
-) -> Iterator[PathChunk | Block]:
-    """Choose the faster of each :class:`Alternatives` in a path of the tip, and yield the rest.
-
-    Corners have the treatment that they have without a choice, which takes half the computing time.
-    """
-    joints = Joints(machine)
-    for item in path:
-        if isinstance(item, Alternatives):
-            spline = _motion_time(item.spline, machine, joints)
-            corners = _motion_time(item.corners, machine, joints)
-            item.answer.values = (float(corners < FASTER * spline),)
-        else:
-            yield item
-
-
-def _motion_time(path: PathChunk, machine: Machine, joints: Joints) -> float:
-    """Return the time of the motion along a path from rest to rest, s; infinite without one."""
-    start = path.data[path.at[0] + START :][: len(path.axes)]
-    try:
-        plans = list(LookAhead(machine, trial=True).plan(joints.path(iter((path,)), start)))
-    except MotionLimitError:
-        return inf
-    return sum(plan.duration for plan in plans if isinstance(plan, PlanChunk))

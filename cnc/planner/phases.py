@@ -11,12 +11,18 @@ from cnc.planner.kernels.refine import refine
 from cnc.planner.kernels.scurve import phase_time
 from cnc.planner.known_path import between, lowered, rounding_of
 from cnc.planner.limits import Limits
+from cnc.planner.work import Work
 
 TOUCHING = 1e-6
 """Relative: a speed this little below its bound counts as at the bound."""
 
 ROUGHLY = 1.4
 """A plan that will be refined may be this much faster than the usual bounds allow."""
+
+BEFORE = 0.8
+"""Part of the computing time that a motion allows which its refinement may use. The rest is for its
+corners.
+"""
 
 INSTANT = 1e-7
 """s; a cut in time leaves no shorter part of a phase."""
@@ -31,8 +37,7 @@ def plan_to_rest(
     limits: Limits,
     lead: Phases = NO_PHASES,
     *,
-    refined: bool = True,
-    idle: float = 0.0,
+    work: Work | None = None,
 ) -> tuple[int, Phases]:
     """Plan from ``start`` to rest at the end of ``intervals``.
 
@@ -46,8 +51,7 @@ def plan_to_rest(
         v_start: speed at the start, mm/s.
         limits: of the machine.
         lead: phases to the start, over the first of the intervals; they become part of the plan.
-        refined: whether the plan may be refined. Without a refinement there is none behind a lead.
-        idle: time of motion before in which nothing was planned, s.
+        work: computing time for a refinement; None for none. Then there is no plan behind a lead.
 
     Returns:
         The status of :func:`cnc.planner.kernels.lookahead.plan_window`, and the phases.
@@ -59,7 +63,7 @@ def plan_to_rest(
     rough = status == START_TOO_FAST
     if not (rough or status == PLANNED):
         return status, phases
-    if not refined:
+    if work is None:
         return (START_TOO_FAST, phases[:0]) if rough or len(lead) else (status, phases)
     if rough:
         freer = intervals._replace(
@@ -74,9 +78,11 @@ def plan_to_rest(
         status, phases = _planned(start, freer, v_start)
         if status != PLANNED:
             return status, phases
-    legal, phases = refine(
-        np.concatenate((lead, phases)), lowered(whole), limits.arrays, rough or len(lead) > 0, idle
-    )
+    phases = np.concatenate((lead, phases))
+    with work.ahead(BEFORE * float(phases["duration"].sum())):
+        legal, phases = refine(
+            phases, lowered(whole), limits.arrays, rough or len(lead) > 0, work.left
+        )
     return (PLANNED, phases) if legal else (START_TOO_FAST, phases[:0])
 
 

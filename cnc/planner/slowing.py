@@ -41,6 +41,7 @@ from cnc.planner.phases import (
     release,
     steady_from,
 )
+from cnc.planner.work import Work
 
 # Ramps to rest: the shortest one on a straight path, and those with which a search begins.
 #
@@ -506,7 +507,7 @@ def slower_plan(request: Request, slow_from: float) -> SlowerPlan | None:
         part = pace_wanted(plan[first:], ahead)
     if part >= KEPT:
         known = path.intervals(limits, s, request.goal)
-        legal, faster = refine(plan, lowered(known), limits.arrays, False, 0.0)
+        legal, faster = refine(plan, lowered(known), limits.arrays, False, Work().left)
         if legal and not exceeding_sections(path, faster, known):
             plan = faster
         return SlowerPlan(plan, steady_from(plan, 0), slow_from, slowing)
@@ -662,6 +663,7 @@ class _Search:
 
     def __init__(self, request: Request, lead: Phases, s: float, v: float) -> None:
         self.request, self.lead, self.s, self.v = request, lead, s, v
+        self._work = Work(inf)
         path, goal, limits = request.path, request.goal, request.path.limits
         self.slowing = replace(
             limits,
@@ -726,7 +728,7 @@ class _Search:
         known = joined(parts, [0.0] * len(parts))
         for refined in (True, False):
             status, phases = plan_to_rest(
-                self.s, known, self.v, self.slowing, self.lead, refined=refined
+                self.s, known, self.v, self.slowing, self.lead, work=self._work if refined else None
             )
             if status != PLANNED:
                 return None

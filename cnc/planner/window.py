@@ -51,6 +51,7 @@ from cnc.planner.slowing import (
     slower_plan,
     time_before,
 )
+from cnc.planner.work import Work
 
 # The plan of the window at present.
 
@@ -134,26 +135,22 @@ class Window:
     """
 
     def __init__(
-        self, limits: Limits, stops_known: float = STOPS_KNOWN, *, refines: bool = True
+        self, limits: Limits, stops_known: float = STOPS_KNOWN, work: Work | None = None
     ) -> None:
         """Create an empty window.
 
-        Args:
-            limits: of the machine.
-            stops_known: see STOPS_KNOWN.
-            refines: whether plans are refined.
+        ``stops_known``: see STOPS_KNOWN. ``work``: computing time for its searches.
         """
+        self._work = Work() if work is None else work
         self.clock = RunClock()
         self.unproved = False
         self.caution = 0
-        self._stops_known, self._refines = stops_known, refines
+        self._stops_known = stops_known
         self._path = KnownPath(limits)
         self._at = 0.0
         self._plan = CurrentPlan(NO_PHASES.copy(), 0.0, 0, 0, 0, 1, -inf, limits)
         self._stopping = False
         self.stops_late = False
-        self._planned_at = 0.0
-        self._requested = False
 
     @property
     def limits(self) -> Limits:
@@ -227,9 +224,8 @@ class Window:
             path = path.under(path.limits.slower(MORE_SLOWLY**self.caution))
         goal, rests = path.goal(self._at)
         v = float(plan.phases[0]["v"]) if len(plan.phases) else 0.0
-        status, phases, intervals = accepted_plan(
-            path, self._at, goal, v, self._idle(), refined=self._refines
-        )
+        self._work.reach(self.clock.seconds)
+        status, phases, intervals = accepted_plan(path, self._at, goal, v, self._work)
         if status == START_TOO_FAST and len(plan.phases):
             # The last plan is legal to its end: follow it to a point without acceleration, and try
             # again from there.
@@ -249,15 +245,7 @@ class Window:
                 )
             )
         self._accept(phases, goal, intervals, rests=rests)
-        self._planned_at, self._requested = self.clock.seconds, False
         return self._plan.settled > 0
-
-    def _idle(self) -> float:
-        """Return the time in which the motion was the last plan's, if a request ended it, s.
-
-        That plan was computed before its motion, and the rest of it is in vain.
-        """
-        return self.clock.seconds - self._planned_at if self._requested else 0.0
 
     def take(self, seconds: float, length: float = SLICE_LENGTH) -> list[PlanChunk]:
         """Return the next slice of about ``seconds``, of the phases that :meth:`prepared` settled.
@@ -334,7 +322,7 @@ class Window:
         """
         if self.runs_at(feed_factor):
             return True
-        self._requested = True
+        self._work.begin_again()
         self._rebase()
         before = self._path
         self._path = before.under(replace(before.limits, feed_factor=feed_factor))
@@ -351,7 +339,7 @@ class Window:
         """Come to rest on the path as soon as the limits allow, from the next slice on."""
         if not self.moving or (self._stopping and not self.stops_late):
             return
-        self._requested = True
+        self._work.begin_again()
         self._rebase()
         plan = self._plan
         request = Request(self._path, plan.phases, self._at, plan.rest_at, True, True)

@@ -17,8 +17,9 @@ from cnc.model.diagnostics import Diagnostic, MotionLimitError
 from cnc.model.streams import SampleChunk
 from cnc.path.build import DueTimes, build, exact_path
 from cnc.path.chunk import PathChunk
+from cnc.planner.corner_choice import with_faster_paths
 from cnc.planner.joints import Joints
-from cnc.planner.lookahead import LookAhead, with_faster_paths
+from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk, RunClock
 from cnc.pulses.sampled import Sampled
 from cnc.report.trace import TraceWriter, trace_writer

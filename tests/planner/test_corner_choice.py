@@ -5,12 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cnc.planner import lookahead, phases
-from cnc.planner.corner_choice import SHORT, passed_together
+from cnc.planner.corner_choice import SHORT, Trials
 from cnc.planner.kernels.corner_places import MOST_CORNERS
-from cnc.planner.kernels.corner_search import new_solutions
-from cnc.planner.kernels.refine import refine
 from cnc.planner.limits import Limits
+from cnc.planner.work import Work
 from tests.support.planner.corners import assert_legal, distances, duration, planned
 from tests.support.planner.motions import lines, machine, path_of, sampled
 from tests.support.soak import share
@@ -28,9 +26,9 @@ def with_blends(monkeypatch, points, mill, feed):
     """The plan without the choice."""
     with monkeypatch.context() as patch:
         patch.setattr(
-            lookahead,
+            Trials,
             "passed_together",
-            lambda path, rests, limits, solutions: np.zeros(len(path), np.bool_),
+            lambda self, path, rests: np.zeros(len(path), np.bool_),
         )
         return planned(points, EPS, mill, feed)[0]
 
@@ -57,8 +55,8 @@ def test_the_choice_is_never_slower_than_blends(seed, monkeypatch):
 def chosen(points, mill):
     (chunk,) = path_of([lines(points, 50.0)])
     tolerance = np.where(np.arange(len(chunk)) < len(chunk) - 1, EPS, 0.0)
-    return passed_together(
-        replace(chunk, tolerance=tolerance), True, Limits.of(mill), new_solutions()
+    return Trials(Limits.of(mill), Work()).passed_together(
+        replace(chunk, tolerance=tolerance), True
     )
 
 
@@ -72,19 +70,6 @@ def test_corners_of_short_legs_alone_are_passed_together():
     assert not chosen(polygon(turns, [long] * 3), SLOW_TURNS).any()
     both = polygon([*turns, 30.0, *turns], [short] * 3 + [long] + [short] * 2)
     assert chosen(both, SLOW_TURNS).tolist()[:2] == [True, True]
-
-
-@pytest.mark.parametrize(("tolerances", "refined"), [(3.7, True), (20.0, False)])
-def test_nothing_is_refined_where_blends_are_faster_without(tolerances, refined, monkeypatch):
-    refinements = []
-
-    def counted(*arguments):
-        refinements.append(arguments)
-        return refine(*arguments)
-
-    monkeypatch.setattr(phases, "refine", counted)
-    assert chosen(polygon([60.0, -60.0], [tolerances * EPS] * 3), SLOW_TURNS).any() == refined
-    assert bool(refinements) == refined
 
 
 def test_corners_that_one_motion_cannot_pass_have_blends():
@@ -103,6 +88,6 @@ def test_corners_beside_the_border_of_a_chunk_have_blends():
     chunk = replace(chunk, tolerance=np.array([EPS, EPS, 0.0]))
     goes_on = replace(chunk, stop_after=np.zeros(3, np.bool_))
     limits = Limits.of(SLOW_TURNS)
-    assert passed_together(chunk, True, limits, new_solutions()).any()
-    assert not passed_together(chunk, False, limits, new_solutions()).any()
-    assert not passed_together(goes_on, True, limits, new_solutions()).any()
+    assert Trials(limits, Work()).passed_together(chunk, True).any()
+    assert not Trials(limits, Work()).passed_together(chunk, False).any()
+    assert not Trials(limits, Work()).passed_together(goes_on, True).any()

@@ -1,7 +1,5 @@
 """Which motions past corners are sought at all: the cost of searches that would gain nothing."""
 
-import math
-
 import numpy as np
 import pytest
 
@@ -12,16 +10,13 @@ from cnc.planner.audit import Audit
 from cnc.planner.corner_motions import CornerMotions
 from cnc.planner.kernels.arrays import PlanArrays
 from cnc.planner.kernels.corner_search import (
-    FIRST_WORK,
     OPEN,
-    WORK,
-    allow_work,
     goes_on,
-    new_solutions,
 )
 from cnc.planner.limits import Limits
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
+from cnc.planner.work import Work
 from tests.support.planner.corners import planned
 from tests.support.planner.motions import lines, machine, sampled
 
@@ -112,39 +107,30 @@ def corner(tilt, feed=40.0, row=20.0):
     return np.cumsum([row * along[0], 0.4 * along[1], row * along[2]], axis=0), feed
 
 
-def row_ends(tilts, solutions, *, allowed=math.inf, row=20.0):
-    """Return the time past the ends of rows, each on its own, and the work of each search."""
+def row_ends(tilts, work, *, row=20.0):
+    """Return the time past the ends of rows, each on its own, and the work for each, s."""
     mill = machine(axis=(ACCELERATION, JERK), tangential=ACCELERATION, jerk=JERK)
-    times, work = [], []
+    times, taken = [], []
     for tilt in tilts:
         points, feed = corner(tilt, row=row)
         stops, ahead = planned(points, 0.0, mill, feed)
         for chunk in stops:
             chunk.path.tolerance[:] = 0.01
-        motions = CornerMotions(ahead.limits, Audit(ahead.limits), solutions)
-        before = int(solutions.work[0])
-        solutions.most_work[0] = min(allowed, solutions.most_work[0])
+        motions = CornerMotions(ahead.limits, Audit(ahead.limits), work)
+        before = float(work.left[0])
         parts = [part.plan for part in (*motions.passed(stops), *motions.flush())]
         assert not ahead.audit.violations
         times.append(sum(part.duration for part in parts))
-        work.append(int(solutions.work[0]) - before)
-    return np.array(times), np.array(work)
+        taken.append(before - float(work.left[0]))
+    return np.array(times), np.array(taken)
 
 
 def test_nothing_is_sought_where_the_work_is_used_up():
-    """The corner stays a stop; more motion allows work again."""
-    stop, work = row_ends([0.1], new_solutions(), allowed=-1e9)
-    assert work[0] == 0
-    times, work = row_ends([0.1], new_solutions())
-    assert work[0] > 0
+    """The corner stays a stop."""
+    work = Work(-10.0)
+    stop, taken = row_ends([0.1], work)
+    assert taken[0] == pytest.approx(0.0, abs=1e-12)
+    work.left[0] = 1.0
+    times, taken = row_ends([0.1], work)
+    assert taken[0] > 1e-3
     assert times[0] < stop[0]
-    solutions = new_solutions()
-    solutions.most_work[0] = -1.0
-    allow_work(solutions, 1.0)
-    assert solutions.most_work[0] == WORK - 1.0
-    solutions.work[0] = 7
-    allow_work(solutions, 1e6)
-    assert solutions.most_work[0] == WORK - 1.0 + 1e6 * WORK
-    # What is left of a long motion is not kept.
-    allow_work(solutions, 0.0)
-    assert solutions.most_work[0] == 7 + FIRST_WORK

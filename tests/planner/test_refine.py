@@ -27,6 +27,7 @@ from cnc.planner.limits import Limits
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.phases import plan_to_rest
 from cnc.planner.plan import PlanChunk
+from cnc.planner.work import Work
 from tests.support.planner.hairpins import duration
 from tests.support.planner.motions import AXES, arc, lines, machine, path_of
 from tests.support.soak import share
@@ -269,7 +270,8 @@ def test_a_turn_is_refined_if_that_shortens_the_motion_noticeably(legs, faster):
     known = intervals_of(path, limits, STANDSTILL, STANDSTILL)
     times = []
     for refined in (True, False):
-        status, phases = plan_to_rest(0.0, known, 0.0, limits, refined=refined)
+        work = Work() if refined else None
+        status, phases = plan_to_rest(0.0, known, 0.0, limits, work=work)
         assert status == PLANNED
         times.append(phases["duration"].sum())
     assert (times[0] < (1.0 - 1e-9) * times[1]) == faster

@@ -28,9 +28,9 @@ def too_fast(monkeypatch):
     """Return a function that makes the plans of all windows too fast by a factor."""
 
     def make(factor: float) -> None:
-        def plan(path, start, goal, v_start, idle, *, refined):
+        def plan(path, start, goal, v_start, work):
             slower = path.under(path.limits.slower(factor))
-            return accepted_plan(slower, start, goal, v_start, idle, refined=refined)
+            return accepted_plan(slower, start, goal, v_start, work)
 
         monkeypatch.setattr(window_module, "accepted_plan", plan)
 

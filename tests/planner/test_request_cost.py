@@ -71,7 +71,8 @@ def test_a_legal_plan_on_a_straight_path_is_kept_where_it_may_be_illegal():
     known = intervals_of(chunk, limits, STANDSTILL, STANDSTILL)
     known = known._replace(flat=np.zeros_like(known.flat))
     _, phases = plan_to_rest(0.0, known, 0.0, limits)
-    legal, kept = refine(phases, known, limits.arrays, True, 0.0)
+    unlimited = np.full(1, np.inf)
+    legal, kept = refine(phases, known, limits.arrays, True, unlimited)
     assert legal
     cruise = int(np.argmax(phases["duration"]))
     assert len(kept) <= len(phases) + 2  # the cruise is in up to three parts
@@ -87,7 +88,7 @@ def test_a_legal_plan_on_a_straight_path_is_kept_where_it_may_be_illegal():
         ],
         PHASE,
     )
-    legal, found = refine(fast, known, limits.arrays, True, 0.0)
+    legal, found = refine(fast, known, limits.arrays, True, unlimited)
     assert not legal or found["v"].max() < fast["v"].max()
 
 
@@ -121,7 +122,7 @@ def descents_of(ramp, known, limits, monkeypatch) -> tuple[bool, int]:
     sums = sum_limits(limits.arrays)
     cells = plan_cells(stretch, known, sums)
     describe(cells, known)
-    legal, _ = fastest.fastest.py_func(cells, known, sums)
+    legal, _ = fastest.fastest.py_func(cells, known, sums, np.full(1, np.inf))
     return legal, made
 
 

@@ -10,7 +10,7 @@ from cnc.planner import known_path as intervals_module
 from cnc.planner import phases as phases_module
 from cnc.planner.kernels import fastest, refine
 from cnc.planner.kernels.cells import Stretch, describe, plan_cells
-from cnc.planner.kernels.descent import TOUCH, centre
+from cnc.planner.kernels.descent import STEP, STEPS, TOUCH, centre
 from cnc.planner.kernels.examination import examine
 from cnc.planner.kernels.refine import sum_limits
 from cnc.planner.known_path import STANDSTILL, intervals_of
@@ -35,7 +35,7 @@ def bends(seed: int) -> PathChunk:
 def test_the_descent_does_not_begin_anew_where_a_limit_is_exceeded(seed, monkeypatch):
     limits = Limits.of(machine(axis=(1000.0, 50_000.0)))
     known = intervals_of(bends(seed), limits, STANDSTILL, STANDSTILL)
-    _, phases = plan_to_rest(0.0, known, 0.0, limits, refined=False)
+    _, phases = plan_to_rest(0.0, known, 0.0, limits)
     sums = sum_limits(limits.arrays)
     first_rest = int(np.flatnonzero(np.append(phases["v"][1:], 0.0) == 0.0)[0]) + 1
     end = float(phases["s"][first_rest]) if first_rest < len(phases) else float(known.end[-1])
@@ -53,7 +53,8 @@ def test_the_descent_does_not_begin_anew_where_a_limit_is_exceeded(seed, monkeyp
 
     monkeypatch.setattr(fastest, "centre", counted)
     monkeypatch.setattr(fastest, "examine", examined)
-    solved, _ = fastest.search.py_func(cells, known, sums, fastest.WEIGHT_STEP)
+    left = np.full(1, np.inf)
+    solved, _ = fastest.search.py_func(cells, known, sums, fastest.WEIGHT_STEP, left)
     assert solved
     assert used[0] > 1.0 + TOUCH, "the case shows nothing"
     assert weights.count(fastest.FIRST_WEIGHT) == 1
@@ -119,39 +120,48 @@ def test_pieces_are_cut_once_where_their_intervals_need_more_space(stop, monkeyp
         assert np.array_equal(array, expected)
 
 
-@pytest.mark.parametrize("rough", [False, True])
-def test_a_stretch_takes_no_more_cells_than_its_time_allows(rough, monkeypatch):
-    """A zigzag below the tolerance has thousands of short bends a second, and hardly gains.
-
-    A rough plan has to be made legal in any case.
-    """
+def zigzag() -> tuple[PathChunk, Limits]:
+    """Return a zigzag below the tolerance: thousands of short bends a second, and hardly a gain."""
     moves = np.arange(1, 301)
     corners = np.stack((0.05 * moves, 0.05 * (moves % 2), 0.0 * moves), axis=1)
     blocks = [PathMode("t.nc", 1, "blend", 0.025), lines(corners, 85.0)]
     path = next(item for item in path_of(blocks) if isinstance(item, PathChunk))
-    limits = Limits.of(machine(tangential=1000.0, jerk=10_000.0))
+    return path, Limits.of(machine(tangential=1000.0, jerk=10_000.0))
+
+
+def steps_counted(monkeypatch) -> list[float]:
+    """Record the computing time of each descent, s."""
+    taken = []
+
+    def counted(*arguments):
+        before = arguments[-1][0]
+        worst = centre(*arguments)
+        taken.append(before - arguments[-1][0])
+        return worst
+
+    monkeypatch.setattr(fastest, "centre", counted)
+    monkeypatch.setattr(fastest, "search", fastest.search.py_func)
+    monkeypatch.setattr(refine, "fastest", fastest.fastest.py_func)
+    return taken
+
+
+def test_a_stretch_takes_no_more_steps_than_its_time_allows(monkeypatch):
+    """The last descent and the examination behind it may be over. A failed window counts, too."""
+    path, limits = zigzag()
     known = intervals_of(path, limits, STANDSTILL, STANDSTILL)
-    _, phases = plan_to_rest(0.0, known, 0.0, limits, refined=False)
-    cells = []
-
-    def counted(window, *rest):
-        cells.append(len(window.length))
-        return False, window
-
-    monkeypatch.setattr(refine, "fastest", counted)
-    stretch = Stretch(phases, 0, len(phases), float(known.end[-1]), 0.0, rough)
+    _, phases = plan_to_rest(0.0, known, 0.0, limits)
+    taken = steps_counted(monkeypatch)
+    stretch = Stretch(phases, 0, len(phases), float(known.end[-1]), 0.0, False)
     out = np.empty(8 * len(phases) + 4096, phases.dtype)
-    allowed = refine.MOST_CELLS * phases["duration"].sum()
-    left = np.full(1, np.inf if rough else allowed)
+    left = np.full(1, 0.02)
     legal, out, count = refine.refine_stretch.py_func(
         stretch, known, sum_limits(limits.arrays), left, out, 0
     )
     assert legal
-    if rough:
-        assert sum(cells) * refine.FAILED > allowed, "the case shows nothing"
-    else:
-        assert sum(cells[:-1]) * refine.FAILED <= allowed
-        assert (out[:count] == phases).all()
+    assert len(taken) > 1, "the case shows nothing"
+    assert sum(taken[:-1]) <= 0.02
+    assert left[0] <= 0.0
+    assert out[:count]["duration"].sum() <= phases["duration"].sum()
 
 
 @pytest.mark.parametrize("seed", range(4)[:: share(1, 2)])
@@ -165,22 +175,25 @@ def test_a_stretch_with_too_many_cells_is_refined_as_far_as_its_time_allows(seed
     path = next(item for item in path_of(blocks) if isinstance(item, PathChunk))
     limits = Limits.of(machine(axis=(1000.0, 20_000.0)))
     known = intervals_of(path, limits, STANDSTILL, STANDSTILL)
-    _, phases = plan_to_rest(0.0, known, 0.0, limits, refined=False)
+    _, phases = plan_to_rest(0.0, known, 0.0, limits)
     stretch = Stretch(phases, 0, len(phases), float(known.end[-1]), 0.0, False)
     cells = len(plan_cells(stretch, known, sum_limits(limits.arrays)).length)
     assert cells > 4 * refine.WINDOW, "the case shows nothing"
-    times = []
-    for part in (0.0, 0.5, 1.0):
-        left = np.full(1, part * cells * (1.0 + refine.OVERLAP / refine.WINDOW))
+    times, whole = [], 0.0
+    for part in (1.0, 0.0, 0.5):
+        left = np.full(1, part * whole if whole else 1e3)
         out = np.empty(8 * len(phases) + 8192, phases.dtype)
         legal, out, count = refine.refine_stretch(
             stretch, known, sum_limits(limits.arrays), left, out, 0
         )
         assert legal
-        assert left[0] > -refine.FAILED * (refine.WINDOW + refine.OVERLAP)
+        # No more than a descent and an examination of a window are over.
+        assert left[0] > -(refine.WINDOW + refine.OVERLAP) * (STEPS * STEP + fastest.EXAMINATION)
+        whole = whole or 1e3 - float(left[0])
         times.append(float(out[:count]["duration"].sum()))
         assert (np.diff(out[:count]["s"]) > 0.0).all()
-    assert times[0] == pytest.approx(float(phases["duration"].sum()), rel=1e-12)
-    gain = times[0] - times[2]
-    assert gain > 0.02 * times[0], times
-    assert times[0] - times[1] > 0.3 * gain
+    all_of_it, none, half = times
+    assert none == pytest.approx(float(phases["duration"].sum()), rel=1e-12)
+    gain = none - all_of_it
+    assert gain > 0.02 * none, times
+    assert none - half > 0.3 * gain

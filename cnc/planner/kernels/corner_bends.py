@@ -539,23 +539,11 @@ def _speed_of_swing(
     return low
 
 
-class Apex(NamedTuple):
-    """Motion at the apex of a blend.
-
-    Attributes:
-        speed: mm/s; 0 where there is no blend.
-        inside: distance from the corner, mm.
-    """
-
-    speed: float
-    inside: float
-
-
 @njit
-def _fastest_apex(
+def _sought(
     half_turn: float, tolerance: float, feed: float, sides: tuple[Side, Side], bend: Bend
-) -> Apex:
-    """Return the apex of the fastest blend.
+) -> Blend:
+    """Return the fastest blend, by a search.
 
     Args:
         half_turn: theta/2, rad.
@@ -573,16 +561,14 @@ def _fastest_apex(
         swing = 1.0 + LEAST_OUT * outside / (inside * math.cos(half_turn))
         low = _speed_of_swing(swing, 0.0, feed, half_turn, inside, sides, bend)
         if low == 0.0:
-            return Apex(0.0, inside)
+            return best
         best = _blend(low, half_turn, inside, outside, sides, bend)
         if best.time < math.inf:
             break
         over = max(best.before.reach / sides[0].room, best.after.reach / sides[1].room)
         inside *= min(SMALLER, SMALLER / over)
-    if not best.time < math.inf:
-        return Apex(0.0, inside)
-    if low >= feed:
-        return Apex(low, inside)
+    if not best.time < math.inf or low >= feed:
+        return best
     swing = 1.0 + outside / (inside * math.cos(half_turn))
     high = _speed_of_swing(swing, low, feed, half_turn, inside, sides, bend)
     other = _blend(high, half_turn, inside, outside, sides, bend)
@@ -603,39 +589,38 @@ def _fastest_apex(
             else:
                 most, over = x, _taken(other, sides)
         high = low + above * least * least
-    speed, time = low, best.time
     for part in range(1, PARTS + 1):
         v = low + (high - low) * part / PARTS
         other = _blend(v, half_turn, inside, outside, sides, bend)
-        if other.time < time:
-            speed, time = v, other.time
-    return Apex(speed, inside)
+        if other.time < best.time:
+            best = other
+    return best
 
 
-class Apexes(NamedTuple):
-    """Apexes of the last blends. A corner is asked for again in each trial of the path around it.
+class KeptBlends(NamedTuple):
+    """The last blends. A corner is asked for again in each trial of the path around it.
 
     Attributes:
-        asked: (KEY_SIZE,): what the search depends on.
+        asked: (KEY_SIZE,): what a search depends on.
         bits: (KEY_SIZE,): the same numbers, as integers.
-        keys: (PLACES, KEY_SIZE): that of each place; NaN for none.
-        found: (PLACES, 2): its apex.
+        keys: (PLACES, KEY_SIZE): that of the blend at each place; NaN for none.
+        blends: (PLACES, BLEND_SIZE): the blends.
     """
 
     asked: Floats
     bits: NDArray[np.int64]
     keys: Floats
-    found: Floats
+    blends: Floats
 
 
-KEY_SIZE, PLACES = 22, 1024
+KEY_SIZE, BLEND_SIZE, PLACES = 22, 11, 1024
 
 
-def no_apexes() -> Apexes:
+def no_kept_blends() -> KeptBlends:
     """Return a memory without a blend."""
     asked = np.empty(KEY_SIZE)
     keys = np.full((PLACES, KEY_SIZE), np.nan)
-    return Apexes(asked, asked.view(np.int64), keys, np.empty((PLACES, 2)))
+    return KeptBlends(asked, asked.view(np.int64), keys, np.empty((PLACES, BLEND_SIZE)))
 
 
 @njit
@@ -660,13 +645,36 @@ def _write_key(
 
 
 @njit
+def _place_of(bits: NDArray[np.int64]) -> int:
+    """Return the place of a key with these bits."""
+    place = 0
+    for number in bits:
+        mixed = (number & 0xFFFFF) ^ (number >> 20 & 0xFFFFF) ^ (number >> 40 & 0xFFFFF)
+        place = (31 * place ^ mixed) & 0xFFFFF
+    return int((place ^ place >> 10) % PLACES)
+
+
+@njit
+def _write_half(half: Half, numbers: Floats) -> None:
+    """Write a half to (4,) numbers, without its ramp."""
+    numbers[0], numbers[1], numbers[2], numbers[3] = half.scale, half.turned, half.reach, half.time
+
+
+@njit
+def _kept_half(numbers: Floats, speed: float, side: Side, bend: Bend) -> Half:
+    """Return the half of (4,) numbers; ``speed``: at the apex, mm/s."""
+    ramp = _ramp(speed, side, bend)
+    return Half(True, ramp, numbers[0], numbers[1], numbers[2], numbers[3])
+
+
+@njit
 def fastest_blend(
     sine: float,
     tolerance: float,
     feed: float,
     sides: tuple[Side, Side],
     bend: Bend,
-    apexes: Apexes,
+    kept: KeptBlends,
 ) -> Blend:
     """Return the fastest blend; its time is infinite where there is none.
 
@@ -676,26 +684,26 @@ def fastest_blend(
         feed: largest speed at the apex, mm/s.
         sides: the legs before and behind the corner.
         bend: the least radius.
-        apexes: those of the last blends; receives that of this one.
+        kept: the last blends; receives this one.
     """
     half_turn = math.asin(sine)
-    _write_key(half_turn, tolerance, feed, sides, bend, apexes.asked)
-    place = 0
-    for k in range(KEY_SIZE):
-        bits = apexes.bits[k]
-        place = (31 * place ^ (bits & 0xFFFFF) ^ (bits >> 20 & 0xFFFFF) ^ (bits >> 40)) & 0xFFFFF
-    place = (place ^ place >> 10) % PLACES
-    key, apex = apexes.keys[place], apexes.found[place]
+    _write_key(half_turn, tolerance, feed, sides, bend, kept.asked)
+    place = _place_of(kept.bits)
+    key, numbers = kept.keys[place], kept.blends[place]
     same = True
     for k in range(KEY_SIZE):
-        same = same and key[k] == apexes.asked[k]
+        same = same and key[k] == kept.asked[k]
     if not same:
-        apex[0], apex[1] = _fastest_apex(half_turn, tolerance, feed, sides, bend)
-        for k in range(KEY_SIZE):
-            key[k] = apexes.asked[k]
-    if apex[0] == 0.0:
+        blend = _sought(half_turn, tolerance, feed, sides, bend)
+        key[:] = kept.asked
+        numbers[0], numbers[1], numbers[2] = blend.time, blend.inside, blend.before.ramp.v
+        _write_half(blend.before, numbers[3:7])
+        _write_half(blend.after, numbers[7:11])
+    if not numbers[0] < math.inf:
         return no_blend()
-    return _blend(apex[0], half_turn, apex[1], OUTSIDE * tolerance, sides, bend)
+    before = _kept_half(numbers[3:7], numbers[2], sides[0], bend)
+    after = _kept_half(numbers[7:11], numbers[2], sides[1], bend)
+    return Blend(numbers[0], half_turn, numbers[1], before, after)
 
 
 @njit

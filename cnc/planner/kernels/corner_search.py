@@ -37,13 +37,8 @@ SOLUTIONS = 64
 NUMBERS = 1536
 """Most numbers of the input of a motion that is kept."""
 
-WORK = 300_000.0
-"""Work that each second of motion allows, about 0.1 s: rows of the steps of Newton's method.
-A count does not depend on the machine, as a clock would.
-"""
-
-FIRST_WORK = 3_000_000.0
-"""Work that is allowed at first: that of about 100 corners."""
+ROW = 0.4e-6
+"""s; computing time of a row of a step of Newton's method."""
 
 
 class Solutions(NamedTuple):
@@ -56,8 +51,7 @@ class Solutions(NamedTuple):
         spans: (SOLUTIONS, groups): logarithms of the durations of its groups.
         exists: (SOLUTIONS,): 1 if there is a motion, or 0.
         next: (1,): the one to be replaced next.
-        work: (1,): that of all searches: rows of the steps of Newton's method, added up.
-        most_work: (1,): above this nothing is sought. It grows with the motion.
+        left: (1,): computing time that is left, s. Without it nothing is sought.
     """
 
     input: Floats
@@ -66,12 +60,11 @@ class Solutions(NamedTuple):
     spans: Floats
     exists: Ints
     next: Ints
-    work: Ints
-    most_work: Floats
+    left: Floats
 
 
-def new_solutions() -> Solutions:
-    """Return space for solutions."""
+def new_solutions(left: Floats) -> Solutions:
+    """Return space for solutions; ``left`` (1,): computing time for searches, s."""
     return Solutions(
         np.full((SOLUTIONS, NUMBERS), math.nan),
         np.zeros(SOLUTIONS, np.int64),
@@ -79,23 +72,15 @@ def new_solutions() -> Solutions:
         np.empty((SOLUTIONS, GROUPS * (MOST_CORNERS + 1))),
         np.zeros(SOLUTIONS, np.int64),
         np.zeros(1, np.int64),
-        np.zeros(1, np.int64),
-        np.full(1, FIRST_WORK),
+        left,
     )
-
-
-@njit
-def allow_work(solutions: Solutions, duration: float) -> None:
-    """Allow the work for so many seconds of motion. Of what is not used, FIRST_WORK stays."""
-    left = solutions.most_work[0] - solutions.work[0] + WORK * duration
-    solutions.most_work[0] = solutions.work[0] + min(left, FIRST_WORK + WORK * duration)
 
 
 @njit
 def solve(tube: Tube, rows: Rows, c: Floats, spans: Floats, solutions: Solutions) -> bool:
     """Make a first guess of the motion the fastest one; return whether there is one.
 
-    Nothing is sought where the searches before took more work than the motion allows.
+    Nothing is sought where no computing time is left.
 
     Args:
         tube: the legs, and the states at both ends.
@@ -112,11 +97,11 @@ def solve(tube: Tube, rows: Rows, c: Floats, spans: Floats, solutions: Solutions
         c[:] = solutions.points[k, :points, :d]
         spans[:] = solutions.spans[k, : len(spans)]
         return bool(solutions.exists[k] > 0)
-    if solutions.work[0] > solutions.most_work[0]:
+    if solutions.left[0] <= 0.0:
         return False
     rows.work[0] = 0
     exists = fastest_motion(tube, rows, c, spans)
-    solutions.work[0] += rows.work[0]
+    solutions.left[0] -= ROW * rows.work[0]
     if count:
         k = solutions.next[0]
         solutions.next[0] = (k + 1) % SOLUTIONS

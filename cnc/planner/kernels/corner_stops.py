@@ -49,7 +49,6 @@ from cnc.planner.kernels.corner_rows import Rows, new_rows
 from cnc.planner.kernels.corner_search import (
     Motion,
     Solutions,
-    allow_work,
     find_motion,
     goes_on,
     times_of_motion,
@@ -155,7 +154,6 @@ def pass_corners(
     n = len(limits.axis_jerk)
     given = np.empty((2, n))
     rows = new_rows(MOST_STEPS, n, MOST_DIRECTIONS)
-    allow_work(solutions, plan.t[-1] - plan.t[0])
     passed = 0
     k = 0
     before = 0.0

@@ -42,9 +42,9 @@ from cnc.path.kernels.fit_spline import Flags
 from cnc.planner.kernels.arrays import LimitArrays, PathArrays
 from cnc.planner.kernels.corner_bends import (
     MOST_CUBICS,
-    Apexes,
     Bend,
     Blend,
+    KeptBlends,
     Side,
     bend_of,
     corner_plane,
@@ -91,7 +91,7 @@ class Scratch(NamedTuple):
         plane: (2, axes): two directions in the plane of a corner.
         v: (BLEND_POINTS,): speeds along a blend.
         s: (BLEND_POINTS,): distances of these places.
-        apexes: of the last blends.
+        kept: the last blends.
     """
 
     u: Floats
@@ -101,7 +101,7 @@ class Scratch(NamedTuple):
     plane: Floats
     v: Floats
     s: Floats
-    apexes: Apexes
+    kept: KeptBlends
 
 
 @njit
@@ -317,7 +317,7 @@ def _blend_along(
     eps = path.tolerance[k] / corner_plane(sine, scratch.u, scratch.plane)
     feed = min(bound[k], bound[k + 1], largest_speed(scratch.plane, limits))
     bend = bend_of(scratch.plane, eps, max(sides[0].line.a, sides[1].line.a), limits)
-    return fastest_blend(sine, eps, feed, sides, bend, scratch.apexes), bend
+    return fastest_blend(sine, eps, feed, sides, bend, scratch.kept), bend
 
 
 @njit
@@ -465,7 +465,7 @@ def round_corners(
     ramps: bool,
     rests: bool,
     together: Flags,
-    apexes: Apexes,
+    kept: KeptBlends,
     out: PathArrays,
 ) -> tuple[int, int, float]:
     """Choose the treatment of each corner of a chunk of path, and insert the blends.
@@ -481,7 +481,7 @@ def round_corners(
         ramps: whether the motion may pass stops.
         rests: whether the motion rests at the start.
         together: (own,): whether the corner behind each is to be passed with those beside it.
-        apexes: of the last blends.
+        kept: the last blends.
         out: space for MOST_PIECES for each piece, and for their records.
 
     Returns:
@@ -497,7 +497,7 @@ def round_corners(
         np.zeros((2, n)),
         np.zeros(BLEND_POINTS),
         np.zeros(BLEND_POINTS),
-        apexes,
+        kept,
     )
     pieces, data, at = out.pieces, out.pieces.data, out.pieces.at
     used = len(path.pieces.data)

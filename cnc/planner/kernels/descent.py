@@ -320,6 +320,9 @@ def add_bend(by_jerk: float, v: float, a: float, block: Floats) -> None:
     block[1, 1] += bend
 
 
+STEP = 0.5e-6
+"""s; computing time of a step by the number of cells."""
+
 STEPS = 40
 """Largest number of Newton steps for one weight."""
 
@@ -513,7 +516,13 @@ def newton_step(first: int, last: int, cells: Cells, damping: float, system: New
 
 @njit
 def centre(
-    first: int, last: int, cells: Cells, limits: SumLimits, weight: float, even: bool
+    first: int,
+    last: int,
+    cells: Cells,
+    limits: SumLimits,
+    weight: float,
+    even: bool,
+    left: Floats,
 ) -> float:
     """Move speed and acceleration at the cuts inside [first, last] to the minimum for one weight.
 
@@ -526,6 +535,7 @@ def centre(
         limits: for the sums.
         weight: of the time, per cell and relative to the time at the start.
         even: whether to raise the limits of all cells by the same share, if any.
+        left: (1,): computing time that is left, s; the steps lower it.
 
     Returns:
         The largest constraint: more than 1 if the limits could not be kept.
@@ -543,6 +553,7 @@ def centre(
     weight *= (last - first) / time
     damping = 0.0
     for _ in range(STEPS):
+        left[0] -= STEP * (last - first)
         before, worst, _ = merit(first, last, cells, limits, weight, True, system)
         tightest = HIGH
         if even:

@@ -69,6 +69,9 @@ Until DOUBTFUL tries have failed only that of the last step is examined.
 DOUBTFUL = 4
 """Failed tries from which on each step is examined: an examination costs as much as a descent."""
 
+EXAMINATION = 5e-6
+"""s; computing time of an examination by the number of cells."""
+
 TRIES = 12
 """Largest number of steps of the descent that may fail."""
 
@@ -242,13 +245,16 @@ def after_violation(
 
 
 @njit
-def fastest(cells: Cells, intervals: Intervals, limits: SumLimits) -> tuple[bool, Cells]:
+def fastest(
+    cells: Cells, intervals: Intervals, limits: SumLimits, left: Floats
+) -> tuple[bool, Cells]:
     """Bring the motion through the cells near to the least time.
 
     Args:
         cells: the cells with any motion; it changes.
         intervals: the intervals of the path.
         limits: for the sums.
+        left: (1,): computing time that is left, s; it is lowered. Without it nothing is sought.
 
     Returns:
         Whether a legal motion was found; the cells, cut where necessary, with that motion.
@@ -264,16 +270,16 @@ def fastest(cells: Cells, intervals: Intervals, limits: SumLimits) -> tuple[bool
         cells.q,
         cells.rest_before,
     )
-    solved, solution = search(cells, intervals, limits, WEIGHT_STEP)
+    solved, solution = search(cells, intervals, limits, WEIGHT_STEP, left)
     if not solved:
         describe(again, intervals)
-        solved, solution = search(again, intervals, limits, SMALL_STEP)
+        solved, solution = search(again, intervals, limits, SMALL_STEP, left)
     return solved, solution
 
 
 @njit
 def search(
-    cells: Cells, intervals: Intervals, limits: SumLimits, weight_step: float
+    cells: Cells, intervals: Intervals, limits: SumLimits, weight_step: float, left: Floats
 ) -> tuple[bool, Cells]:
     """Search as :func:`fastest` does, with one factor from a weight of the time to the next."""
     cells = passable(cells, intervals)
@@ -291,13 +297,14 @@ def search(
     kept = with_motion(cells, cells.v.copy(), cells.a.copy())
     shares = Shares(np.empty(len(cells.length)), np.empty(len(cells.length)))
     most = OUTSIDE
-    while reached < LAST_WEIGHT and tries <= most:
+    while reached < LAST_WEIGHT and tries <= most and left[0] > 0.0:
         copy_motion(kept.v, kept.a, cells.v, cells.a)
-        legal = centre(0, len(cells.length), cells, limits, weight, False) <= 1.0
+        legal = centre(0, len(cells.length), cells, limits, weight, False, left) <= 1.0
         used = 0.0
         examined = weight == LAST_WEIGHT or (tries >= DOUBTFUL and weight >= CHECKED_WEIGHT)
         if examined:
             used = examine(cells, intervals, limits, shares)
+            left[0] -= EXAMINATION * len(cells.length)
         if legal:
             most = TRIES
         if legal and used <= 1.0 + TOUCH:

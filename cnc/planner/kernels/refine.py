@@ -19,12 +19,10 @@ with the next. A window without a legal result keeps the phases of the plan.
 The classic alternative is a sequential linear program over v^2 on a grid. There each step has to be
 turned into phases, which breaks limits between the points of the grid; here every step is a motion.
 Compared with a fine nonlinear optimum under the same limits the result takes 0.3 to 0.5 % longer.
-It costs 50 us a cell; a plan in which nothing costs time is left as it is.
+A plan in which nothing costs time is left as it is.
 """
 
 from __future__ import annotations
-
-import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,17 +87,6 @@ of the turns of long rows would take most of the planning time and save 0.03 % o
 
 WORTHWHILE = 0.002
 """A refinement has to save this part of a stretch's time."""
-
-MOST_CELLS, LEAST_CELLS = 2000.0, 8000.0
-"""Cells that are solved at most: for each second of a plan, about a tenth of the motion's time, and
-for a short plan. Where that is not enough the rest of it stays. A count does not depend on the
-machine, as a clock would.
-"""
-
-FAILED = 4.0
-"""A cell of a window without a legal result counts as so many: it takes 2 to 12 times as long as
-that of another window.
-"""
 
 
 @njit
@@ -244,13 +231,13 @@ def refine_stretch(
 
     Of each window the last cells are solved again together with the next ones. Where no legal
     motion is found so, the next ones are solved on their own, or in two parts. A window without a
-    legal motion keeps the phases of the plan. So does the rest, where no more cells may be solved.
+    legal motion keeps the phases of the plan. So does the rest, where no computing time is left.
 
     Args:
         stretch: the stretch.
         intervals: the intervals of the plan.
         limits: the limits.
-        left: (1,): cells that may still be solved; it is lowered.
+        left: (1,): computing time that is left, s; it is lowered.
         out: receives the phases.
         count: number of phases in it.
 
@@ -295,8 +282,7 @@ def refine_stretch(
             for m in range(max(seam - SEAM, 0), max(size - UNSEAMED, seam)):
                 window.share[m] = window.pace[m] = SEAM_SHARE
             describe(window, intervals)
-        solved, cells = fastest(window, intervals, limits)
-        left[0] -= size if solved else FAILED * size
+        solved, cells = fastest(window, intervals, limits, left)
         out = with_space(out, count, 4 * (len(cells.length) + len(head.length)) + most)
         if not solved and len(head.length) > 0:
             # The motion behind the seam stays, and the next window begins behind it.
@@ -331,7 +317,7 @@ def refine_stretch(
 
 @njit
 def refine(
-    phases: Phases, intervals: Intervals, machine: LimitArrays, rough: bool, idle: float
+    phases: Phases, intervals: Intervals, machine: LimitArrays, rough: bool, left: Floats
 ) -> tuple[bool, Phases]:
     """Make a plan faster where curves cost time.
 
@@ -341,8 +327,7 @@ def refine(
         machine: the limits.
         rough: whether the plan itself may be illegal. A stretch of it that is legal, and can hardly
             gain, stays as it is.
-        idle: time of motion before the plan in which nothing was planned, s. It allows computing,
-            too.
+        left: (1,): computing time that is left, s; it is lowered.
 
     Returns:
         Whether the result is legal, and its phases; none if it is not.
@@ -351,9 +336,6 @@ def refine(
     rows = np.empty(3 * len(phases), PHASE)
     fixed = np.empty(3 * len(phases), np.bool_)
     total = separate(phases, intervals, rows, fixed)
-    left = np.full(1, math.inf)
-    if not rough:
-        left[0] = max(MOST_CELLS * (phases["duration"].sum() + idle), LEAST_CELLS)
     out = np.empty(4 * total + 256, PHASE)
     count = 0
     first = 0

@@ -393,10 +393,11 @@ MOST = 60
 @njit
 def inside(cells: Cells, known: Intervals, limits: SumLimits) -> bool:
     """Bring a motion inside the limits at the points of its cells; return whether it is there."""
+    uncounted = np.zeros(1)
     for _ in range(CENTRINGS):
         if largest_share(cells, limits) <= 1.0:
             return True
-        centre(0, len(cells.length), cells, limits, LIGHT, True)
+        centre(0, len(cells.length), cells, limits, LIGHT, True, uncounted)
         describe(cells, known)
     return largest_share(cells, limits) <= 1.0
 
@@ -411,11 +412,12 @@ def made_shorter(
         Whether there is a legal one, and its cells, cut where it would exceed a limit between the
         points.
     """
+    uncounted = np.zeros(1)
     for _ in range(TRIES):
         if not inside(cells, known, limits):
             return False, cells
         kept = with_motion(cells, cells.v.copy(), cells.a.copy())
-        if centre(0, len(cells.length), cells, limits, weight, True) > 1.0:
+        if centre(0, len(cells.length), cells, limits, weight, True, uncounted) > 1.0:
             return False, cells
         shares = Shares(np.empty(len(cells.length)), np.empty(len(cells.length)))
         if examine(cells, known, limits, shares) <= 1.0 + TOUCH:

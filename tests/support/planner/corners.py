@@ -4,8 +4,9 @@ import numpy as np
 
 from cnc.model.blocks import PathMode
 from cnc.path.build import build
+from cnc.planner.corner_choice import with_faster_paths
 from cnc.planner.limits import Limits
-from cnc.planner.lookahead import LookAhead, with_faster_paths
+from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
 from tests.support.planner.motions import AXES, lines, machine, sampled
 
