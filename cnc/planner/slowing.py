@@ -566,7 +566,7 @@ def planned_later(request: Request) -> SlowedPlan | None:
     # A plan begins most easily where the motion is slow.
     for point in sorted(points, key=lambda k: float(plan[k]["v"]))[:POINTS]:
         s, v = float(plan[point]["s"]), float(plan[point]["v"])
-        status, phases, _ = accepted_plan(path, s, request.goal, v)
+        status, phases, _ = accepted_plan(path, s, request.goal, v, Work())
         if status == PLANNED:
             return SlowedPlan(
                 phases=np.concatenate((plan[:point], phases)),

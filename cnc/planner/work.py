@@ -25,7 +25,7 @@ NURBS of 0.91 s takes 1.4 s.
 RATE = 0.08
 """Computing time of a planner by the time of the run."""
 
-FIRST_OF_TRIALS, RATE_OF_TRIALS = 0.35, 0.02
+FIRST_OF_TRIALS, RATE_OF_TRIALS = 0.25, 0.02
 """Those of the trials of two paths along the same moves, by the time of their motion."""
 
 

@@ -12,6 +12,7 @@ from cnc.planner.kernels.arrays import PHASE
 from cnc.planner.known_path import REFINED, KnownPath, intervals_of
 from cnc.planner.limits import Limits
 from cnc.planner.phases import cut_at_length
+from cnc.planner.work import Work
 from tests.support.planner.hairpins import duration
 from tests.support.planner.motions import arc, lines, machine, path_of
 from tests.support.soak import share
@@ -77,9 +78,9 @@ def test_a_motion_that_rested_beside_a_junction_speeds_up_in_finite_time():
     level = np.flatnonzero(known.flat & (known.speed > 0.0))
     start = float(known.end[level[0]]) - 1e-6
     goal, _ = path.goal(start)
-    _, phases, _ = accepted_plan(path, start, goal, 0.0)
+    _, phases, _ = accepted_plan(path, start, goal, 0.0, Work())
     seconds = float(phases["duration"].sum())
-    _, later, _ = accepted_plan(path, float(known.end[level[-1]]) + 1e-6, goal, 0.0)
+    _, later, _ = accepted_plan(path, float(known.end[level[-1]]) + 1e-6, goal, 0.0, Work())
     assert seconds < 1.2 * float(later["duration"].sum())
 
 

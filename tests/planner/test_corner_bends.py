@@ -10,7 +10,14 @@ from cnc.machine.models import Axis, Machine, PathLimits
 from cnc.model.blocks import PathMode, Polyline
 from cnc.path.build import build
 from cnc.path.kernels.curve import LINE
-from cnc.planner.kernels.corner_bends import OUTSIDE, WITHIN, Bend, Side, fastest_blend
+from cnc.planner.kernels.corner_bends import (
+    OUTSIDE,
+    WITHIN,
+    Bend,
+    Side,
+    fastest_blend,
+    no_kept_blends,
+)
 from cnc.planner.kernels.corner_bends import _blend as blend_at
 from cnc.planner.kernels.legs import LineBounds
 from cnc.planner.lookahead import LookAhead
@@ -147,22 +154,57 @@ def test_a_corner_of_a_short_leg_beside_a_curve_has_a_blend():
     assert min(chunk.phase_v[1:-1].min() for chunk in chunks) > 5.0
 
 
-@pytest.mark.parametrize("seed", range(share(200, 12)))
-def test_no_speed_at_the_apex_gives_a_faster_blend(seed):
-    """All speeds are tried in small steps, where the blend has room at the whole tolerance."""
-    rng = np.random.default_rng([seed, 5])
+def random_corner(rng, low, high):
+    """Arguments of a search: sine, tolerance, feed, legs of 10**low tolerances on, least radius."""
     tolerance, half_turn = 10 ** rng.uniform(-3.0, -1.0), math.radians(rng.uniform(8.0, 80.0))
     accel = 10 ** rng.uniform(2.3, 4.0)
     line = LineBounds(300.0, accel, accel * 10 ** rng.uniform(0.7, 2.0))
-    legs = tolerance * 10 ** rng.uniform(2.0, 2.6, 2)
+    legs = tolerance * 10 ** rng.uniform(low, high, 2)
     sides = tuple(Side(0.49 * leg, 0.5 * leg, False, line) for leg in legs)
     normal = accel * rng.uniform(0.7, 2.0)
     bend = Bend(1.0 / normal, 0.0, math.inf, 0.0, 0.005 * tolerance, normal, math.radians(15.0))
-    feed = 10 ** rng.uniform(0.7, 2.5)
-    best = fastest_blend(math.sin(half_turn), tolerance, feed, sides, bend)
+    return math.sin(half_turn), tolerance, 10 ** rng.uniform(0.7, 2.5), sides, bend
+
+
+@pytest.mark.parametrize("seed", range(share(200, 12)))
+def test_no_speed_at_the_apex_gives_a_faster_blend(seed):
+    """All speeds are tried in small steps, where the blend has room at the whole tolerance."""
+    corner = random_corner(np.random.default_rng([seed, 5]), 2.0, 2.6)
+    sine, tolerance, feed, sides, bend = corner
+    best = fastest_blend(*corner, no_kept_blends())
     assert best.inside == WITHIN * tolerance, "the case shows nothing"
     speeds = np.linspace(0.0, feed, 2001)[1:].tolist()
     times = [
-        blend_at(v, half_turn, best.inside, OUTSIDE * tolerance, sides, bend).time for v in speeds
+        blend_at(v, math.asin(sine), best.inside, OUTSIDE * tolerance, sides, bend).time
+        for v in speeds
     ]
     assert best.time <= 1.003 * min(times)
+
+
+def nudged(corner, k):
+    """The same arguments, but one of them larger by a rounding."""
+    sine, tolerance, feed, sides, bend = corner
+    numbers = [sine, tolerance, feed, *bend]
+    numbers += [number for side in sides for number in (side.room, side.length, *side.line)]
+    numbers[k] = math.nextafter(numbers[k], math.inf)
+    legs = tuple(
+        Side(n[0], n[1], side.rests, LineBounds(*n[2:]))
+        for side, n in zip(sides, (numbers[10:15], numbers[15:20]), strict=True)
+    )
+    return (*numbers[:3], legs, Bend(*numbers[3:10]))
+
+
+def test_a_blend_that_is_kept_is_that_of_a_search():
+    """Whatever was asked before, also if it differs by one rounding, or in a rest, alone."""
+    rng = np.random.default_rng(20261130)
+    kept, shapes = no_kept_blends(), set()
+    for _ in range(share(3000, 150)):
+        corner = random_corner(rng, -9.0, 2.6)
+        sine, tolerance, feed, sides, bend = corner
+        resting = (sine, tolerance, feed, (sides[0]._replace(rests=True), sides[1]), bend)
+        for asked in (corner, nudged(corner, int(rng.integers(20))), resting, corner):
+            blend = fastest_blend(*asked, kept)
+            assert blend == fastest_blend(*asked, no_kept_blends())
+            shapes.add((blend.time < math.inf, blend.before.turned > 0.0))
+    assert len(shapes) == 3, "the cases show too little"
+    assert np.isfinite(kept.keys[:, 0]).mean() > share(0.9, 0.2)

@@ -13,9 +13,9 @@ from cnc.path.build import build
 from cnc.path.chunk import PathChunk
 from cnc.path.fit import Alternatives
 from cnc.planner import phases
+from cnc.planner.corner_choice import with_faster_paths
 from cnc.planner.joints import Joints
 from cnc.planner.kernels.refine import refine
-from cnc.planner.lookahead import with_faster_paths
 from cnc.planner.plan import PlanChunk
 from cnc.session.pipeline import path_of
 from tests.planner.test_random_corners import random_chain, random_mill

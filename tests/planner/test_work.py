@@ -44,7 +44,7 @@ def test_motion_that_is_not_under_way_is_a_loan():
 
 def test_the_accounts_allow_a_tenth_of_the_motion():
     assert RATE + RATE_OF_TRIALS <= 0.1
-    assert FIRST + FIRST_OF_TRIALS <= 0.75
+    assert FIRST + FIRST_OF_TRIALS <= 0.9
 
 
 def random_polygon(rng: np.random.Generator) -> tuple[InlineProgram, Machine]:
