@@ -357,7 +357,7 @@ class ArcMoves(Executor):
     def _columns(self, at: Word, what: str) -> tuple[int, int]:
         """Return the columns of the two axes of the plane, which a rotation may tilt."""
         first, second = PLANE_AXES[self._state.plane]
-        column = self._axis_words.column
+        column = self._axis_words.in_plane
         for axis in (first, second):
             if axis.upper() not in column:
                 raise fault(

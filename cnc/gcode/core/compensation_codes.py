@@ -88,7 +88,8 @@ class CompensationCodes(MotionCodes):
         side: Side = "left" if code.number in _LEFT else "right"
         columns = self._motion.arcs.plane_columns(at, "cutter compensation")
         shift = (0.0, 0.0)
-        if self._state.plane == "ZX":
+        # On a mantle the plane has a rotary axis, and the tool is a milling cutter.
+        if self._state.plane == "ZX" and columns == tuple(map(self._motion.column.get, "ZX")):
             shift = (_POINTS[orientation][0] * abs(radius), _POINTS[orientation][1] * abs(radius))
         if self._motion.coordinates.transform.mirrors(columns):
             side = "right" if side == "left" else "left"

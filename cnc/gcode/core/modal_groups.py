@@ -39,8 +39,8 @@ _GROUPS: dict[str, tuple[G, ...]] = {
         G.G84, G.G85, G.G86, G.G87, G.G88, G.G89, G.G70, G.G71, G.G72, G.G75, G.G77, G.G78, G.G79,
     ),
     "non-modal": (
-        G.G4, G.G10, G.G28, G.G28_1, G.G30, G.G30_1, G.G52, G.G53, G.G53_1, G.G65, G.G66, G.G92,
-        G.G92_1, G.G92_2, G.G92_3,
+        G.G4, G.G7_1, G.G10, G.G28, G.G28_1, G.G30, G.G30_1, G.G52, G.G53, G.G53_1, G.G65, G.G66,
+        G.G92, G.G92_1, G.G92_2, G.G92_3,
     ),
     "plane": (G.G17, G.G18, G.G19),
     "units": (G.G20, G.G21),

@@ -448,7 +448,8 @@ class Lines(ExpressionRules):
             return []
         if name in tables["codes"]:
             code = tables["codes"][name]
-            return [_Word(Word(code[0], float(code[1:]), code, column, length), None)]
+            made = [_Word(Word(code[0], float(code[1:]), code, column, length), None)]
+            return [*made, self._diameter(item)] if name == "TRACYL" else made
         if name == "BSPLINE":
             return [_Word(Word(name, 1.0, name, column, length), None)]
         if name in tables["turns"]:
@@ -467,6 +468,14 @@ class Lines(ExpressionRules):
         else:
             raise refused(name, begin, values=item.arguments is not None)
         return []
+
+    def _diameter(self, item: _Named) -> _Word:
+        """Return the word of the diameter of TRACYL."""
+        given = item.arguments or (None,)
+        if not isinstance(given[0], Node) or any(value is not None for value in given[1:]):
+            hint = "write the diameter of the cylinder alone, such as TRACYL(40)"
+            raise not_supported("TRACYL of this form", item.name.begin, item.end, hint)
+        return self._made("TRACYL", given[0], item.name.begin, item.end)
 
     def _a_value(self, given: Node | Token, of: Token) -> Node:
         """Return the value behind =, which may be counted from here."""
