@@ -336,6 +336,7 @@ class ReadingPolicy:
         laser: S is the power of a laser, which changes in motion.
         wraps: Rule of each rotary axis that repeats after 360 degrees, by its letter.
         tool_tip: Positions of a machine with tool-tip control; None for another machine.
+        tool_widths: Width of the edge of grooving tools by number, mm.
     """
 
     tool_lengths: ToolLengths = "table"
@@ -349,6 +350,7 @@ class ReadingPolicy:
     laser: bool = False
     wraps: Mapping[str, WrapRule] = field(default_factory=dict)
     tool_tip: ToolTip | None = None
+    tool_widths: Mapping[int, float] = field(default_factory=dict)
 
 
 STRICT = ReadingPolicy()

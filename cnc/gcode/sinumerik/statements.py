@@ -784,12 +784,14 @@ class Lines(ExpressionRules):
             return None
         if match := re.fullmatch("CYCLE(8[1-9])", item.name.text):
             return self._control(kind, match[1], self._values(item), begin, item.end)
-        if kind == "cycle" and (match := re.fullmatch("CYCLE(9[578])", item.name.text)):
+        if kind == "cycle" and (match := re.fullmatch("CYCLE(9[3-8])", item.name.text)):
+            # The contour of CYCLE95, the form of CYCLE94 and CYCLE96.
+            place, given = (2 if match[1] in ("94", "96") else 0), list(item.arguments)
             names: tuple[str, ...] = ()
-            given = item.arguments
-            if given and isinstance(given[0], Token) and given[0].terminal == "STRING":
-                names, given = (given[0].text.strip('"').upper(),), (None, *given[1:])
-            values = self._values(item._replace(arguments=given))
+            text = given[place] if place < len(given) else None
+            if isinstance(text, Token) and text.terminal == "STRING":
+                names, given[place] = (text.text.strip('"').upper(),), None
+            values = self._values(item._replace(arguments=tuple(given)))
             return self._control("s-turn", match[1], values, begin, item.end, names)
         return None
 
