@@ -173,8 +173,16 @@ def test_c_and_its_words_are_as_before_afterwards() -> None:
     assert found[8].startswith("arc zx")
 
 
-def test_inches_and_integers() -> None:
-    # Under G20 the radius is in inches; 20000 without a point are 20 mm where parameter 3401 is 0.
+def test_a_radius_without_a_decimal_point_counts_least_increments() -> None:
+    # The manual's G07.1 H57299, where bit 0 of parameter 3401 is 0: a degree is a millimetre.
+    text = "G98 G97 S600 M3\nG0 X60. C0. Z0.\nG7.1 H57299\nG1 Z-3. C4. F300.\nG7.1 C0\nM30"
+    rules = dialects.load("fanuc", lathe="A", least_increments=True)
+    moves = block_summaries(text, **options("fanuc") | {"dialect": rules})
+    way = 4.0 * math.radians(57.299)
+    assert f"line 30 4 -3 F{round(300.0 * 3.0 / math.hypot(3.0, way), 6):.10g}" in moves
+
+
+def test_inches() -> None:
     inch = Mantle(
         "G98 G97 S600 M3\nG20\nG0 X2. C0. Z0.\nG7.1 C1.\nG1 Z-1. C90. F20.\nG7.1 C0", "fanuc", 25.4
     )
