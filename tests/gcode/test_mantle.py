@@ -182,6 +182,11 @@ def test_a_radius_without_a_decimal_point_counts_least_increments() -> None:
     assert f"line 30 4 -3 F{round(300.0 * 3.0 / math.hypot(3.0, way), 6):.10g}" in moves
 
 
+def test_a_dwell_is_allowed() -> None:
+    text = f"{LIVE}G7.1 C20.\nG4 X1.\nG1 Z0 F300.\nG7.1 C0\nM30"
+    assert "dwell 1" in block_summaries(text, **options("fanuc"))
+
+
 def test_inches() -> None:
     inch = Mantle(
         "G98 G97 S600 M3\nG20\nG0 X2. C0. Z0.\nG7.1 C1.\nG1 Z-1. C90. F20.\nG7.1 C0", "fanuc", 25.4
@@ -214,10 +219,15 @@ ERRORS = {
     "a traverse": ("fanuc", "G7.1 C20.\nG0 Z0", "face-code", LATHE),
     "a traverse in effect": ("fanuc", "G0 Z1.\nG7.1 C20.\nZ0", "face-code", LATHE),
     "a tool": ("fanuc", "G7.1 C20.\nT0101", "face-code", LATHE),
+    "a tool beside a dwell": ("fanuc", "G7.1 C20.\nG4 X1. T0101", "face-code", LATHE),
     "a cycle": ("fanuc", "G7.1 C20.\nG90 X30. Z-5.", "face-code", LATHE),
     "a centre": ("fanuc", "G7.1 C20.\nG3 Z0 C10. K-5. I0", "face-code", LATHE),
     "an arc in XY": ("fanuc", "G17\nG7.1 C20.\nG3 X0 C10. R50.", "mantle-plane", LATHE),
-    "XY chosen": ("fanuc", "G7.1 C20.\nG17", "mantle-plane", LATHE),
+    "a corner in XY": ("fanuc", "G17\nG7.1 C20.\nG1 Z0,R1. F9.\nC9.", "mantle-plane", LATHE),
+    "the face in the mantle": ("fanuc", "G7.1 C20.\nG12.1", "face-code", LATHE),
+    "the end of the face": ("fanuc", "G7.1 C20.\nG13.1", "face-code", LATHE),
+    "TRANSMIT in the mantle": ("siemens", "TRACYL(40)\nTRANSMIT", "face-code", LATHE),
+    "TRACYL on the face": ("siemens", "G0 X9\nTRANSMIT\nTRACYL(40)", "face-code", LATHE),
     "compensation in XY": ("fanuc", "T0101\nG17\nG7.1 C20.\nG41 G1 Z0 F10.", "mantle-plane", LATHE),
     "compensation before": (
         "fanuc", "T0101\nG1 X100. F100.\nG42 X50.\nZ-10.\nG7.1 C20.", "compensation-active", LATHE

@@ -366,7 +366,11 @@ class ArcMoves(Executor):
                     "which the machine lacks",
                     at,
                 )
-        return column[first.upper()], column[second.upper()]
+        plane = column[first.upper()], column[second.upper()]
+        if plane[0] == plane[1]:
+            message = f"{what} in the {self._state.plane} plane, without the axis of the cylinder"
+            raise fault("mantle-plane", message, at, "choose the plane of the mantle before")
+        return plane
 
     def _arc_of(
         self,

@@ -26,7 +26,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from cnc.gcode.core.coordinates import Coordinates
-from cnc.gcode.core.modal_groups import PLANES, Codes
+from cnc.gcode.core.modal_groups import Codes
 from cnc.gcode.core.motion import Motion, MotionCodes
 from cnc.gcode.core.tip_control import refuse_under_tip_control
 from cnc.gcode.reader.words import G, LineWords, Word, fault, not_negative
@@ -45,7 +45,6 @@ _DEEPEST = 40
 _MOVES = (G.G0, G.G1, G.G2, G.G3)
 _ALONG = {"A": "X", "B": "Y", "C": "Z"}
 """The axis about which each rotary axis turns, which is that of the cylinder."""
-_CODES = {plane: code.written for code, plane in PLANES.items()}
 _ALLOWED = frozenset(
     ("motion", "plane", "distance", "compensation", "feed-mode", "spindle", "spindle-mode",
      "coolant", "stop", "face", "path", "overrides")
@@ -311,7 +310,6 @@ class _Mode(NamedTuple):
         what: Its name.
         refused: Letters without a meaning in it.
         rapid: Whether G0 may move.
-        planes: The planes of arcs and of the compensation.
     """
 
     map: Face | Mantle
@@ -320,7 +318,6 @@ class _Mode(NamedTuple):
     what: str
     refused: tuple[str, ...]
     rapid: bool
-    planes: tuple[Plane, ...] = ("XY", "ZX", "YZ")
 
 
 class VirtualAxis(MotionCodes):
@@ -415,12 +412,9 @@ class VirtualAxis(MotionCodes):
             motion.begin_virtual(column, virtual)
             return
         # The rotary axis is parallel to the other axis of a plane, as the choice of the plane says.
-        planes = tuple(
-            plane for plane, axes in PLANE_AXES.items() if _ALONG[letter].lower() in axes
-        )
         others = "XYZ".replace(_ALONG[letter], "")
         refused = ("T", around, *"IJK")
-        self._start(_Mode(mantle, name, end, what, refused, rapid=False, planes=planes))
+        self._start(_Mode(mantle, name, end, what, refused, rapid=False))
         motion.begin_virtual(column, letter, unit=mantle.way, in_plane=others)
 
     def _mapped(self, words: LineWords, at: Word) -> tuple[str, str]:
@@ -508,38 +502,27 @@ class VirtualAxis(MotionCodes):
         """Refuse what has no meaning in the mode.
 
         Raises:
-            GcodeError: ``face-code``, ``mantle-plane``.
+            GcodeError: ``face-code``.
         """
-        mode, state = self._mode, self._state
+        mode = self._mode
         if mode is None:
             return
+        allowed = _ALLOWED - {"face"} if isinstance(mode.map, Mantle) else _ALLOWED
         ends = (G.G4, G.G49, G.G7_1) if isinstance(mode.map, Mantle) else (G.G4, G.G49)
         for group, code in codes.items():
-            known = group in _ALLOWED or code.number in ends
+            known = group in allowed or code.number in ends
             if not known or (group == "motion" and code.number not in (*_MOVES, G.G80)):
                 raise self._refused(code.word)
-        if "non-modal" in codes:
-            return
         for letter in mode.refused:
             if letter in words.rest:
                 raise self._refused(words.rest[letter])
         explicit = codes.get("motion")
-        moving = explicit.number if explicit else state.motion
-        at = explicit.word if explicit else words.first_axis() if words.has_axis() else None
-        if moving == G.G0 and not mode.rapid and words.has_axis():
-            assert at is not None
-            raise self._refused(at if explicit else replace(at, written=f"{at.written} under G0"))
-        chosen = codes.get("plane")
-        plane = PLANES[chosen.g] if chosen else state.plane
-        compensation = codes.get("compensation")
-        if compensation is not None and compensation.number != G.G40:
-            at = compensation.word
-        elif moving not in (G.G2, G.G3) or not words.has_axis():
-            at = chosen.word if chosen else None
-        if at is not None and plane not in mode.planes:
-            message = f"{at.written} in the {plane} plane, without the axis of the cylinder"
-            hint = f"give {' or '.join(_CODES[name] for name in mode.planes)} before"
-            raise fault("mantle-plane", message, at, hint)
+        moving = explicit.number if explicit else self._state.motion
+        rapid = moving == G.G0 and words.has_axis() and "non-modal" not in codes
+        if rapid and not mode.rapid:
+            at = words.first_axis()
+            under = replace(at, written=f"{at.written} under G0")
+            raise self._refused(explicit.word if explicit else under)
 
     def _refused(self, word: Word) -> GcodeError:
         mode = self._mode
