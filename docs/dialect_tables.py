@@ -28,6 +28,7 @@ TOPICS = {
     "polar mode, scaling, mirroring, rotation": "G15 G16 G50 G50.1 G51 G51.1 G68 G68.2 G69",
     "tools, tool length": "G43 G43.1 G43.2 G44 G49 M6 M61",
     "face of turned parts": "G12.1 G13.1",
+    "mantle of turned parts": "G7.1",
     "tool-tip control": "G43.4 G43.5 M428 M429 M430",
     "cutter compensation": "G40 G41 G41.1 G42 G42.1",
     "reference positions": "G28 G28.1 G30 G30.1",

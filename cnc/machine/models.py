@@ -150,6 +150,14 @@ class Program(Section):
         default=None,
         description="File with the tool table. A run that changes the table writes the file.",
     )
+    tool_widths: dict[
+        Annotated[str, Field(pattern=r"^T[1-9][0-9]{0,4}$")], Annotated[float, Field(gt=0)]
+    ] = Field(
+        default={},
+        description=(
+            "Width of the edge of grooving tools, mm, such as { T3 = 3.0 }: for CYCLE93 (siemens)."
+        ),
+    )
     parameters: FilePath | None = Field(
         default=None,
         description=(

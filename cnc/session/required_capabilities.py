@@ -270,6 +270,7 @@ def reading_policy(options: RunOptions, machine: Machine, board: Board | None) -
         machine.program.codes,
         options.default_feed,
         options.optional_stop,
+        tool_widths={int(tool[1:]): mm for tool, mm in machine.program.tool_widths.items()},
     )
 
 

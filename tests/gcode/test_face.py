@@ -11,7 +11,7 @@ import pytest
 from cnc.gcode import dialects
 from cnc.gcode.core.modal_groups import ReadingPolicy
 from cnc.gcode.core.tool_table import ToolEntry, ToolTable
-from cnc.gcode.turning.face import TOLERANCE
+from cnc.gcode.turning.virtual_axis import TOLERANCE
 from cnc.model.blocks import PathMode, Polyline
 from cnc.model.diagnostics import GcodeError
 from tests.support.gcode.gcode_cases import block_summaries, run
@@ -175,8 +175,6 @@ ERRORS = {
     "machine coordinates": ("haas", "G112\nG53 G0 X0", "face-code", AXES),
     "a cycle": ("fanuc", "G12.1\nG90 X30. Z-5.", "face-code", AXES),
     "below the axis": ("fanuc", "G0 X-10.\nG12.1", "face-start", AXES),
-    "cylindrical": ("fanuc", "G7.1 C20.", "code-not-supported", AXES),
-    "cylindrical, SINUMERIK": ("siemens", "TRACYL(40)", "code-not-supported", AXES),
 }
 
 

@@ -73,6 +73,7 @@ PROGRAMS: dict[str, tuple[str, list[str]]] = {
         "G92 X38. Z-20. F1.5",
         ["rapid 19 2", "sync 1.5", "line 19 -20 F900", "sync 0", "rapid 20 -20", "rapid 20 2"],
     ),
+    "G32 with a start angle of 0": ("G32 Z-20. F2. Q0", ["sync 2", "line 20 -20 F1200", "sync 0"]),
     "G32": ("G32 Z-20. F2.", ["sync 2", "line 20 -20 F1200", "sync 0"]),
     "G32 in several lines": (
         "G32 Z-20. F2.\nX48. Z-24.\nG0 X60.",
@@ -333,6 +334,10 @@ ERRORS = [
     ("thread-start", "G76 P010060 Q100 R0.\nG76 X39. Z-9. P1000 Q300 F1.", "clear"),
     ("thread-length", "G76 P010060 Q100 R0.\nG76 X30. Z2. P1000 Q300 F1.", "no length"),
     ("pitch-missing", "G98 G32 Z-10.", "give F"),
+    ("code-not-supported", "G32 Z-10. F1. Q180000", "farther back"),
+    ("code-not-supported", "G92 X28. Z-10. F1. Q180000", "farther back"),
+    ("code-not-supported", "G76 X28. Z-10. K1. D0.3 F2. Q60000", "farther back"),
+    ("code-not-supported", "G34 Z-10. F1. K0.1", "variable lead"),
     ("surface-speed-active", "G96 S100\nG32 Z-10. F1.", "G97"),
     ("cycle-retract-below-bottom", "G83 Z10. R1. Q1000 F0.1", "smaller"),
     ("axis-not-allowed", "G83 Z-10. C5. F0.1", "does not move"),

@@ -133,6 +133,12 @@ def test_feed_and_motion_are_as_before_the_cycle() -> None:
     assert summaries(source, SHOULDER)[-1] == "line 21 3 F180"
 
 
+def test_an_allowance_of_the_radius_of_a_fillet() -> None:
+    source = 'CYCLE95("PART",10,0,0,1,0.25,0,0.1,1)'
+    found = summaries(source, "G1 X20 Z0\nZ-9\nG2 X22 Z-10 CR=1\nG1 X40")
+    assert found[-5:-2] == ["line 11 0 F150", "line 11 -9 F150", "line 20 -9 F150"]
+
+
 def test_the_allowance_along_the_contour_is_at_right_angles() -> None:
     source = 'CYCLE95("PART",10,0,0,1,0.25,0,0.1,1)'
     found = summaries(source, "G1 X0 Z0\nX20 Z-10\nZ-20\nX40")
@@ -243,6 +249,10 @@ ERRORS = {
     "a jump": ('CYCLE95("PART",3,,,,0.2,,,1)', f"{SHOULDER}\nGOTOF Q", "profile-line"),
     "an allowance wider than the relief cut": (
         'CYCLE95("PART",5,3,0,0,0.2,,,1)', RELIEF, "allowance-in-pocket"
+    ),
+    "an allowance larger than the radius of a fillet": (
+        'CYCLE95("PART",5,0,0,1.5,0.2,,,1)', "G1 X20 Z0\nZ-9\nG2 X22 Z-10 CR=1\nG1 X40",
+        "allowance-in-pocket",
     ),
     "behind the contour": (
         'G0 X10\nCYCLE95("PART",3,,,,0.2,,,1)', SHOULDER, "profile-start"

@@ -357,7 +357,7 @@ class ArcMoves(Executor):
     def _columns(self, at: Word, what: str) -> tuple[int, int]:
         """Return the columns of the two axes of the plane, which a rotation may tilt."""
         first, second = PLANE_AXES[self._state.plane]
-        column = self._axis_words.column
+        column = self._axis_words.in_plane
         for axis in (first, second):
             if axis.upper() not in column:
                 raise fault(
@@ -366,7 +366,11 @@ class ArcMoves(Executor):
                     "which the machine lacks",
                     at,
                 )
-        return column[first.upper()], column[second.upper()]
+        plane = column[first.upper()], column[second.upper()]
+        if plane[0] == plane[1]:
+            message = f"{what} in the {self._state.plane} plane, without the axis of the cylinder"
+            raise fault("mantle-plane", message, at, "choose the plane of the mantle before")
+        return plane
 
     def _arc_of(
         self,

@@ -226,6 +226,7 @@ class AxisWords(Executor):
         position: Programmed machine position, mm or degrees.
         axes: Letters of the machine's axes.
         column: Index of each axis, by upper-case letter.
+        in_plane: Index of the axis that stands for each axis of a plane, by upper-case letter.
         scales: mm or degrees of a unit of each axis word.
         coordinates: The coordinate systems.
         polar: The mode of polar coordinates (G16).
@@ -249,6 +250,7 @@ class AxisWords(Executor):
         self._polar_end: tuple[float, float] | None = None
         self.rotary = RotaryAxes(axes, context.policy.wraps, context.dialect.motion.wrap)
         self.column = {letter.upper(): index for index, letter in enumerate(axes)}
+        self.in_plane = self.column
         self.scales: list[float] = []
         self.turns_linearly = False
         self.length_change: tuple[float, int] | None = None
@@ -257,7 +259,8 @@ class AxisWords(Executor):
         self.groups = ["xyzuvwabc".index(letter) // 3 for letter in axes]
         """Groups of the axes, as of :func:`length_of_move`."""
         self._machine_words = False
-        self._real = self.column, self.rotary, 0
+        self._real = self.column, self.rotary, 0, 0
+        self._virtual_unit: tuple[int, float] | None = None
         self.units_changed()
 
     def units_changed(self) -> None:
@@ -266,20 +269,34 @@ class AxisWords(Executor):
         self.scales = [state.scale if linear else 1.0 for linear in self._linear]
         if "X" in self.column:
             self.scales[self.column["X"]] *= state.x_factor(absolute=state.absolute)
+        if self._virtual_unit is not None:
+            column, unit = self._virtual_unit
+            self.scales[column] = unit
 
-    def begin_virtual(self, column: int) -> None:
-        """Let a rotary axis be a linear one across X, with the letter Y besides its own."""
-        self._real = self.column, self.rotary, self.groups[column]
-        self.column = self.column | {"Y": column}
+    def begin_virtual(
+        self, column: int, letter: str, *, unit: float | None = None, in_plane: str = ""
+    ) -> None:
+        """Let a rotary axis be a linear one.
+
+        Args:
+            column: Column of the axis.
+            letter: Letter of its words, beside its own.
+            unit: mm of a unit of its words; None for the units of the program.
+            in_plane: Letters of the planes' axes for which it stands, besides ``letter``.
+        """
+        self._real = self.column, self.rotary, self.groups[column], column
+        self.column = self.column | {letter: column}
+        self.in_plane = self.column | dict.fromkeys(in_plane, column)
         self.rotary = RotaryAxes(self.axes, {}, self._dialect.motion.wrap)
         self._linear[column], self.groups[column] = True, 0
+        self._virtual_unit = None if unit is None else (column, unit)
         self.units_changed()
 
     def end_virtual(self) -> None:
         """End :meth:`begin_virtual`."""
-        column = self.column["Y"]
-        self.column, self.rotary, self.groups[column] = self._real
-        self._linear[column] = False
+        self.column, self.rotary, group, column = self._real
+        self.in_plane, self.groups[column] = self.column, group
+        self._linear[column], self._virtual_unit = False, None
         self.units_changed()
 
     @property

@@ -109,8 +109,8 @@ class BlockBuffer:
             that is not complete.
         in_effect: The values that the last blocks gave to each state that lasts, such as the
             spindle. A block with the same values is left out.
-        face: Makes the moves of the axes from a straight move or an arc on the face of a turned
-            part; None without polar coordinate interpolation.
+        map_move: Makes the moves of the axes from a straight move or an arc of a virtual axis; None
+            without polar coordinate and cylindrical interpolation.
         asked: Whether the board was ever asked.
         assumed: Whether an expected answer was used because there was no board to answer.
     """
@@ -119,7 +119,7 @@ class BlockBuffer:
         self.ready: list[Iterable[Block]] = []
         self.unanswered: list[tuple[Question, TakeAnswer]] = []
         self.defer: Callable[[Block], None] | None = None
-        self.face: MapMove | None = None
+        self.map_move: MapMove | None = None
         self.asked = self.assumed = False
         self._here = here
         self._axes = axes
@@ -134,8 +134,8 @@ class BlockBuffer:
 
     def move(self, end: list[float], feed: float, line: int) -> None:
         """Add a straight move at ``feed`` mm/s; NaN for a traverse."""
-        if self.face is not None:
-            for place, rate in self.face(end, feed):
+        if self.map_move is not None:
+            for place, rate in self.map_move(end, feed):
                 self._add_move(place, rate, line)
             return
         self._add_move(end, feed, line)
@@ -348,7 +348,7 @@ class BlockBuffer:
 
     def place(self, end: list[float], feed: float, line: int, file: str) -> None:
         """Add a straight move that may stand in another file than the current line."""
-        if file == self._here.file or self.face is not None:
+        if file == self._here.file or self.map_move is not None:
             self.move(end, feed, line)
             return
         self.flush()
@@ -357,8 +357,8 @@ class BlockBuffer:
 
     def put(self, block: Block) -> None:
         """Add any other block directly after the moves."""
-        if self.face is not None and isinstance(block, ArcFeed):
-            for place, rate in self.face(block, block.feed):
+        if self.map_move is not None and isinstance(block, ArcFeed):
+            for place, rate in self.map_move(block, block.feed):
                 self._add_move(place, rate, block.line)
             return
         if isinstance(block, Spindle):

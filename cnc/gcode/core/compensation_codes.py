@@ -35,7 +35,7 @@ from cnc.model.blocks import Plane
 _DYNAMIC = (G.G41_1, G.G42_1)
 _LEFT = (G.G41, G.G41_1)
 
-_POINTS = ((0, 0), (1, -1), (-1, -1), (-1, 1), (1, 1), (1, 0), (0, -1), (-1, 0), (0, 1), (0, 0))
+TIPS = ((0, 0), (1, -1), (-1, -1), (-1, 1), (1, 1), (1, 0), (0, -1), (-1, 0), (0, 1), (0, 0))
 """Control point of a turning tool relative to the centre of its nose: Z and X in radii, by
 orientation.
 """
@@ -88,8 +88,9 @@ class CompensationCodes(MotionCodes):
         side: Side = "left" if code.number in _LEFT else "right"
         columns = self._motion.arcs.plane_columns(at, "cutter compensation")
         shift = (0.0, 0.0)
-        if self._state.plane == "ZX":
-            shift = (_POINTS[orientation][0] * abs(radius), _POINTS[orientation][1] * abs(radius))
+        # On a mantle the plane has a rotary axis, and the tool is a milling cutter.
+        if self._state.plane == "ZX" and columns == tuple(map(self._motion.column.get, "ZX")):
+            shift = (TIPS[orientation][0] * abs(radius), TIPS[orientation][1] * abs(radius))
         if self._motion.coordinates.transform.mirrors(columns):
             side = "right" if side == "left" else "left"
         given = side, radius, self._state.plane, shift

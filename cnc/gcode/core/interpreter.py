@@ -195,11 +195,11 @@ class Interpreter:
         self.offset_codes = OffsetCodes(motion, self.tool_codes)
         self.transform_codes = TransformCodes(motion)
         self.compensation_codes = CompensationCodes(motion, self.tool_codes)
-        self.face_codes = None
-        if G.G12_1 in self.dialect.g:
-            from cnc.gcode.turning.face import FaceCodes
+        self.virtual_axis = None
+        if G.G12_1 in self.dialect.g or G.G7_1 in self.dialect.g:
+            from cnc.gcode.turning.virtual_axis import VirtualAxis
 
-            self.face_codes = FaceCodes(motion)
+            self.virtual_axis = VirtualAxis(motion)
 
     def _register_curves_and_cycles(self) -> TurningCycles | None:
         """Register the curves and cycles as motion codes; return the cycles of a lathe."""
@@ -320,7 +320,7 @@ class Interpreter:
             and motion.length_change is None
             and self.motion.polar.plane is None
             and self.motion.corners.corner is None
-            and self.out.face is None
+            and self.out.map_move is None
         )
 
     def _execute(self, words: LineWords, codes: Codes | None, extra: tuple[ExtraCode, ...]) -> None:
@@ -371,9 +371,9 @@ class Interpreter:
 
     def _in_order(self, words: LineWords, codes: Codes) -> None:
         """Execute the words of a line in the standard order."""
-        if self.out.face is not None:
-            assert self.face_codes is not None
-            self.face_codes.check(words, codes)
+        if self.out.map_move is not None:
+            assert self.virtual_axis is not None
+            self.virtual_axis.check(words, codes)
         moving = self.feed_codes.moving = self.motion.check(words, codes)
         if self.turning_cycles is not None and moving != G.G33:
             self.turning_cycles.moves.end_follow()
@@ -444,10 +444,10 @@ class Interpreter:
         if code := codes.get("compensation"):
             self.compensation_codes.code(words, code)
         if code := codes.get("tool-length"):
-            if self.out.face is None:
+            if self.out.map_move is None:
                 self.tool_codes.tool_length(words, code)
-            elif self.face_codes is not None:
-                self.face_codes.execute(code.g, code.word)
+            elif self.virtual_axis is not None:
+                self.virtual_axis.execute(code.g, code.word)
         if code := codes.get("system"):
             self.offset_codes.system(words, code)
         if code := codes.get("path"):
@@ -460,10 +460,13 @@ class Interpreter:
             state.arc_absolute = code.number == G.G90_1
         if code := codes.get("retract"):
             state.initial_level = code.number == G.G98
-        if (code := codes.get("face")) and self.face_codes is not None:
-            self.face_codes.execute(code.g, code.word)
+        if (code := codes.get("face")) and self.virtual_axis is not None:
+            self.virtual_axis.execute(code.g, code.word)
         self.transform_codes.execute(words, codes)
-        if (code := codes.get("non-modal")) and code.number != G.G4:
+        if (code := codes.get("non-modal")) and code.number == G.G7_1:
+            assert self.virtual_axis is not None
+            self.virtual_axis.cylinder(words, code.word)
+        elif code and code.number != G.G4:
             self.offset_codes.non_modal(words, code)
 
     def stop(self, code: Code) -> None:

@@ -39,8 +39,8 @@ _GROUPS: dict[str, tuple[G, ...]] = {
         G.G84, G.G85, G.G86, G.G87, G.G88, G.G89, G.G70, G.G71, G.G72, G.G75, G.G77, G.G78, G.G79,
     ),
     "non-modal": (
-        G.G4, G.G10, G.G28, G.G28_1, G.G30, G.G30_1, G.G52, G.G53, G.G53_1, G.G65, G.G66, G.G92,
-        G.G92_1, G.G92_2, G.G92_3,
+        G.G4, G.G7_1, G.G10, G.G28, G.G28_1, G.G30, G.G30_1, G.G52, G.G53, G.G53_1, G.G65, G.G66,
+        G.G92, G.G92_1, G.G92_2, G.G92_3,
     ),
     "plane": (G.G17, G.G18, G.G19),
     "units": (G.G20, G.G21),
@@ -336,6 +336,7 @@ class ReadingPolicy:
         laser: S is the power of a laser, which changes in motion.
         wraps: Rule of each rotary axis that repeats after 360 degrees, by its letter.
         tool_tip: Positions of a machine with tool-tip control; None for another machine.
+        tool_widths: Width of the edge of grooving tools by number, mm.
     """
 
     tool_lengths: ToolLengths = "table"
@@ -349,6 +350,7 @@ class ReadingPolicy:
     laser: bool = False
     wraps: Mapping[str, WrapRule] = field(default_factory=dict)
     tool_tip: ToolTip | None = None
+    tool_widths: Mapping[int, float] = field(default_factory=dict)
 
 
 STRICT = ReadingPolicy()

@@ -132,7 +132,7 @@ _ARC_WORDS = frozenset("IJKR")
 _CURVES = (G.G5, G.G5_1, G.G5_2, G.G6_2, G.BSPLINE)
 _TRANSFORMS = ("figure-scaling", "figure-mirror", "figure-rotation")
 _TRANSFORM_TAKES_AXES = (G.G51, G.G50_1, G.G51_1, G.G68, G.G68_2)
-_TAKES_AXES = (G.G10, G.G28, G.G30, G.G52, G.G92)
+_TAKES_AXES = (G.G7_1, G.G10, G.G28, G.G30, G.G52, G.G92)
 """Non-modal codes that take the axis words of their line."""
 # A look-up of a member in its class takes time in each line.
 _TRAVERSE, _FEED, _CANCEL = G.G0, G.G1, G.G80

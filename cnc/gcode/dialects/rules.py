@@ -45,6 +45,7 @@ class MotionRules:
     path_words: str
     wrap: WrapRule
     polar: Literal["", "ngc", "siemens"]
+    cylinder: Literal["", "radius", "mapped", "siemens"]
     direction_words: bool
 
 

@@ -448,7 +448,8 @@ class Lines(ExpressionRules):
             return []
         if name in tables["codes"]:
             code = tables["codes"][name]
-            return [_Word(Word(code[0], float(code[1:]), code, column, length), None)]
+            made = [_Word(Word(code[0], float(code[1:]), code, column, length), None)]
+            return [*made, self._diameter(item)] if name == "TRACYL" else made
         if name == "BSPLINE":
             return [_Word(Word(name, 1.0, name, column, length), None)]
         if name in tables["turns"]:
@@ -467,6 +468,14 @@ class Lines(ExpressionRules):
         else:
             raise refused(name, begin, values=item.arguments is not None)
         return []
+
+    def _diameter(self, item: _Named) -> _Word:
+        """Return the word of the diameter of TRACYL."""
+        given = item.arguments or (None,)
+        if not isinstance(given[0], Node) or any(value is not None for value in given[1:]):
+            hint = "write the diameter of the cylinder alone, such as TRACYL(40)"
+            raise not_supported("TRACYL of this form", item.name.begin, item.end, hint)
+        return self._made("TRACYL", given[0], item.name.begin, item.end)
 
     def _a_value(self, given: Node | Token, of: Token) -> Node:
         """Return the value behind =, which may be counted from here."""
@@ -775,12 +784,14 @@ class Lines(ExpressionRules):
             return None
         if match := re.fullmatch("CYCLE(8[1-9])", item.name.text):
             return self._control(kind, match[1], self._values(item), begin, item.end)
-        if kind == "cycle" and (match := re.fullmatch("CYCLE(9[578])", item.name.text)):
+        if kind == "cycle" and (match := re.fullmatch("CYCLE(9[3-8])", item.name.text)):
+            # The contour of CYCLE95, the form of CYCLE94 and CYCLE96.
+            place, given = (2 if match[1] in ("94", "96") else 0), list(item.arguments)
             names: tuple[str, ...] = ()
-            given = item.arguments
-            if given and isinstance(given[0], Token) and given[0].terminal == "STRING":
-                names, given = (given[0].text.strip('"').upper(),), (None, *given[1:])
-            values = self._values(item._replace(arguments=given))
+            text = given[place] if place < len(given) else None
+            if isinstance(text, Token) and text.terminal == "STRING":
+                names, given[place] = (text.text.strip('"').upper(),), None
+            values = self._values(item._replace(arguments=tuple(given)))
             return self._control("s-turn", match[1], values, begin, item.end, names)
         return None
 

@@ -1,5 +1,7 @@
 """SINUMERIK's turning cycles: stock removal CYCLE95, threads CYCLE97 and CYCLE98.
 
+Grooves and undercuts are in :mod:`cnc.gcode.sinumerik.grooves`.
+
 MID, FALX, FAL, TDEP and VRT are radii. Diameters of threads are diameters, in every mode. The cycle
 begins at any position from which its start can be reached. Source: Siemens, "SINUMERIK 840D sl/828D
 Programming Manual, Cycles" and "SINUMERIK 808D Programming and Operating Manual, Turning, Part 2",
@@ -19,6 +21,7 @@ from cnc.gcode.reader.statements import Statement
 from cnc.gcode.reader.words import Word
 from cnc.gcode.sinumerik.cycles import COARSE, CycleStep
 from cnc.gcode.sinumerik.flow import how_it_begins, labelled, subprogram
+from cnc.gcode.sinumerik.grooves import Groove, Undercut
 from cnc.gcode.turning.codes import MOST_PASSES
 from cnc.gcode.turning.cycles import TurningCycles
 from cnc.gcode.turning.moves import TurningMoves
@@ -48,7 +51,10 @@ from cnc.model.blocks import Dwell, Polyline
 from cnc.model.diagnostics import CncError
 
 _NAMES = {
+    "93": "SPD SPL WIDG DIAG STA1 ANG1 ANG2 RCO1 RCO2 RCI1 RCI2 FAL1 FAL2 IDEP DTB VARI VRT DN",
+    "94": "SPD SPL FORM VARI",
     "95": "NPP MID FALZ FALX FAL FF1 FF2 FF3 VARI DT DAM VRT",
+    "96": "DIATH SPL FORM VARI",
     "97": "PIT MPIT SPL FPL DM1 DM2 APP ROP TDEP FAL IANG NSP NRC NID VARI NUMT VRT",
     "98": "PO1 DM1 PO2 DM2 PO3 DM3 PO4 DM4 APP ROP TDEP FAL IANG NSP NRC NID PP1 PP2 PP3 VARI"
     " NUMT VRT",
@@ -85,6 +91,10 @@ class TurningCycle(CycleStep):
         before = state.motion, state.feed
         if kind == "95":
             _Contour(self, turning, line).make()
+        elif kind == "93":
+            Groove(self, turning).make()
+        elif kind in ("94", "96"):
+            Undercut(self, turning).make()
         else:
             _Threads(self).make()
         state = interpreter.modal
@@ -100,7 +110,7 @@ class TurningCycle(CycleStep):
 
     def size(self, name: str, default: float = 0.0) -> float:
         """Return a length in mm, whose sign says nothing."""
-        return abs(self.get(name, default)) * self.flow.interpreter.modal.scale
+        return abs(self.get(name, default)) * self.scale
 
     def whole(self, name: str, least: int, most: int, default: float = math.nan) -> int:
         """Return a whole number within limits."""
@@ -109,6 +119,11 @@ class TurningCycle(CycleStep):
             message = f": {name} must be a whole number from {least} to {most}"
             raise self.fault("value-out-of-range", message)
         return int(value)
+
+    @property
+    def scale(self) -> float:
+        """Length of a unit of the program, mm."""
+        return self.flow.interpreter.modal.scale
 
     @property
     def lift(self) -> float:

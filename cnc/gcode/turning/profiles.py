@@ -645,12 +645,14 @@ def offset_profile(body: Profile, distance: float, at: Word) -> Profile:
     """Return the profile at a distance towards the stock."""
     if not distance:
         return body
-    curves = [_beside(piece, distance) for piece in _whole(body)]
+    # A hollow arc of just this radius becomes the point where its neighbours meet.
+    curves = [_beside(piece, distance) for piece in _whole(body) if not _ends_in(piece, distance)]
     offset: Profile = []
     begin: complex | None = None
     cut_before = 0.0
-    for a, b in pairwise([*curves, None]):
-        if a is None:
+    whole = [curve for curve in curves if curve is not None]
+    for a, b in pairwise([*whole, None]):
+        if a is None or len(whole) < len(curves):
             break
         here = a.first if begin is None else begin
         corner = None if b is None else join(a, b, _LEFT, distance)
@@ -679,6 +681,12 @@ def _whole(body: Profile) -> Profile:
         else:
             profile.append(piece)
     return profile
+
+
+def _ends_in(piece: Piece, distance: float) -> bool:
+    """Return whether the offset of an arc is its centre."""
+    hollow = piece.center is not None and piece.spin > 0
+    return hollow and abs(abs(piece.start - piece.center) - distance) <= TINY  # type: ignore[operator]
 
 
 def _beside(piece: Piece, distance: float) -> Curve | None:

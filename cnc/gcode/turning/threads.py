@@ -144,6 +144,7 @@ class TurningThreads(Executor):
         moves.check(at)
         if not words.has_axis():
             raise fault("axis-words-missing", f"{at.written} needs X or Z", at)
+        self._take_angle(words, at)
         turns, here = turns_per_second(self.context, at.written, at), moves.place
         lead = None if self._dialect.flavour == "siemens" else self._lead_of(words, at)
         given = moves.given(words, at.written)
@@ -160,6 +161,7 @@ class TurningThreads(Executor):
         if code:
             staying.clear()
         moves.take_taper(words, "I")
+        self._take_angle(words, at)
         lead, turns = self._lead_of(words, at), turns_per_second(self.context, at.written, at)
         if taper := words.take("R", at.written):
             staying["R"] = taper.number * self._state.scale
@@ -176,6 +178,21 @@ class TurningThreads(Executor):
             moves.end_follow()
             moves.rapid(z, x0)
             moves.rapid(z0, x0)
+
+    @staticmethod
+    def _take_angle(words: LineWords, at: Word) -> None:
+        """Take Q, the start angle: the motion begins at no certain angle of the spindle.
+
+        Raises:
+            GcodeError: ``code-not-supported``: it is not 0.
+        """
+        word = words.take("Q", at.written)
+        if word is not None and word.number != 0.0:
+            message = f"{word.written}: a start angle of a thread is not supported"
+            hint = (
+                "begin this start farther back along the thread: by half the lead for 180 degrees"
+            )
+            raise fault("code-not-supported", message, word, hint)
 
     def follow(
         self, here: tuple[float, float], to: tuple[float, float], lead: float, turns: float
@@ -308,6 +325,7 @@ class TurningThreads(Executor):
             if way is not None and way.whole != 1:
                 message = f"{way.written} of {at.written}: only the infeed P1 is made"
                 raise fault("code-not-supported", message, way, "remove it, or write P1")
+            self._take_angle(words, at)
             angle, finishing, chamfer = tip.number if tip else 0.0, 1, 0.0
             if tip:
                 self._check_angle(tip, angle)
