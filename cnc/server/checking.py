@@ -12,7 +12,7 @@ import zlib
 from collections.abc import Mapping
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import chdir
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from multiprocessing import get_context, parent_process
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,9 @@ from cnc.model.blocks import AXIS_LETTERS
 from cnc.model.diagnostics import CncError, Diagnostic, UsageError
 from cnc.model.operator_control import Control
 from cnc.operate.events import Finding
+from cnc.report.models import finding_of
 from cnc.server.library import Library
+from cnc.server.project import settings_of
 from cnc.session.context import Callbacks
 from cnc.session.options import Outputs, RunOptions
 from cnc.session.program_reader import start_position
@@ -109,8 +111,12 @@ def check_job(order: CheckOrder) -> dict[str, Any]:
         machine, drawn = order.machine_in(Path(folder)), Path(folder) / "path.json"
         warp = None if order.height_map is None else str(library.height_map_file(order.height_map))
         options = RunOptions(outputs=Outputs(picture=str(drawn)), height_map=warp)
-        report = Session(Path(order.name), machine, options).run()
+        job = settings_of(library.path(order.name), machine, options)
+        report = Session(Path(order.name), machine, job.options).run()
         summary = report.as_json()
+        summary["errors"] += [
+            finding_of(finding).model_dump(exclude_unset=True) for finding in job.findings
+        ]
         library.forget_check(order.name)
         if drawn.exists():
             put(drawn.read_bytes(), library.own(order.name, "path.json"))
@@ -122,8 +128,9 @@ def sketch_job(order: CheckOrder) -> bool:
     """Write a coarse picture of a job into the library; return whether its program can be read."""
     library = Library(order.library)
     with chdir(library.folder), tempfile.TemporaryDirectory(prefix="cnc-sketch-") as folder:
-        machine = order.machine_in(Path(folder))
-        session = Session(library.path(order.name), machine, RunOptions(tool_lengths="zero"))
+        machine, file = order.machine_in(Path(folder)), library.path(order.name)
+        options = replace(settings_of(file, machine).options, tool_lengths="zero")
+        session = Session(file, machine, options)
         sketch = Sketch(machine, order.name, start_position(machine))
         try:
             for block in session.blocks():
@@ -215,7 +222,7 @@ def repair_job(order: RepairOrder) -> dict[str, Any]:
         raise job_changed(name)
     with chdir(file.parent), tempfile.TemporaryDirectory(prefix="cnc-repair-") as folder:
         machine = order.check.machine_in(Path(folder))
-        result = repaired_at(name, text, machine, RunOptions(), order.place)
+        result = repaired_at(name, text, machine, settings_of(file, machine).options, order.place)
     if not result.applied:
         message = f"line {line} of {name} has no repair of {code} that can be proved"
         raise UsageError(Diagnostic("no-repair", message, hint="check it again, or change it"))
@@ -252,12 +259,14 @@ LONGEST_READING = 10.0
 def typed_findings(order: CheckOrder, text: str) -> list[dict[str, Any]]:
     """Return the findings of a text that stands in no file yet, as those of a check."""
     with chdir(order.library), tempfile.TemporaryDirectory(prefix="cnc-typed-") as folder:
-        settings = Settings(order.machine_in(Path(folder)), RunOptions())
-        control = Control()
+        machine, control = order.machine_in(Path(folder)), Control()
         timer = threading.Timer(LONGEST_READING, control.stop)
         timer.start()
         try:
-            findings = analysed(Document.of(order.name, text), settings, control).findings
+            job = settings_of(order.library / order.name, machine)
+            settings = Settings(machine, job.options)
+            typed = analysed(Document.of(order.name, text), settings, control).findings
+            findings = [*typed, *job.findings]
         except CncError as error:
             findings = [error.diagnostic]
         finally:
@@ -312,13 +321,14 @@ def cut_job(order: CutOrder) -> dict[str, Any]:
     materials: list[Material] = []
     with chdir(library.folder), tempfile.TemporaryDirectory(prefix="cnc-cut-") as folder:
         machine = order.check.machine_in(Path(folder))
+        job = settings_of(library.folder / name, machine)
         if order.stock:
             machine = with_stock(machine, order.stock, order.zero)
         stl = Path(folder) / "part.stl"
         report = Session(
             Path(name),
             machine,
-            RunOptions(outputs=Outputs(stl=str(stl)), stock_resolution=order.resolution),
+            replace(job.options, outputs=Outputs(stl=str(stl)), stock_resolution=order.resolution),
             callbacks=Callbacks(on_cut=materials.append),
         ).run()
         summary = report.as_json()

@@ -42,6 +42,7 @@ from cnc.server.checking import (
     typed_findings,
 )
 from cnc.server.library import OWN, Library, Run, TextLines, checked
+from cnc.server.project import settings_of
 from cnc.session.options import RunOptions
 from cnc.session.repairs import Place
 
@@ -327,8 +328,9 @@ class Console:
         Raises:
             UsageError: ``no-such-job``, ``no-such-system``, ``stock-missing``, ``stock-malformed``.
         """
-        self.library.path(name)
-        session = self.session
+        file, session = self.library.path(name), self.session
+        if not stock:
+            stock = settings_of(file, session.limited_machine).stock
         if system and stock:
             refuse_turned(system, session.rotations, "the raw part stands along the axes")
         zero = work_zero(session.offsets, system, session.rotations) if system else {}
@@ -423,6 +425,7 @@ class Console:
         """Begin a run. UsageError if the machine is busy, or there is no such job."""
         file = self.library.path(name)
         run = self._asked = _Run(name, time.time())
+        options = settings_of(file, self.session.limited_machine, options).options
         asked = self.session.ask(OperatorSession.run, file, options, name=name)
 
         def begun(done: Future[Future[JobEnded]]) -> None:
