@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from cyclopts import App, CycloptsError, Parameter
 from cyclopts.argument import ArgumentCollection
@@ -31,7 +31,9 @@ from cnc.cli.operate_commands import (
     zero,
 )
 from cnc.cli.options import (
+    DAILY,
     HYPHEN,
+    OTHERS,
     BoardOptions,
     CheckFormat,
     CheckOptions,
@@ -79,6 +81,13 @@ class Application(App):
     They are not shared by other command lines, because parsing fills them with values.
     """
 
+    def help_print(self, tokens: Any = None, *, console: Any = None) -> None:
+        """Print the help of a command; that of the program has its commands by task."""
+        if self is app and not tokens:
+            print(program_help())
+        else:
+            super().help_print(tokens, console=console)
+
     def assemble_argument_collection(
         self,
         *,
@@ -101,13 +110,50 @@ class Application(App):
         return collections[id(self)]
 
 
+USAGE = "Usage: cncrun [run] PROGRAM [OPTIONS]\n       cncrun COMMAND [ARGUMENTS] [OPTIONS]"
+TASKS = {
+    "Look": ("check", "view", "diff", "config"),
+    "Run": ("run", "serve", "boards"),
+    "Set up": (
+        *("home", "jog", "zero", "mdi", "unlock", "tools", "height-map"),
+        *("measure", "settings"),
+    ),
+    "Write": ("format", "convert", "lsp"),
+    "Develop": ("schema", "papers", "warm"),
+}
+"""The commands, by what people do with them, in the order of the help."""
+
+
+def program_help() -> str:
+    """Return the help of the program: one line for each command."""
+    lines = [
+        USAGE,
+        "",
+        "Run G-code: read it, plan jerk-limited motion over its true curves,",
+        "and send the pulses to a board.",
+        "",
+    ]
+    for task, names in TASKS.items():
+        for name in names:
+            lines.append(f"{task if name == names[0] else '':9}{name:12}{summary_of(name)}")
+    return "\n".join([
+        *lines,
+        "",
+        "--help (-h) and --version stand alone.",
+        "Options of a run: cncrun run --help. Of a command: cncrun COMMAND --help.",
+    ])  # fmt: skip
+
+
+def summary_of(command: str) -> str:
+    """Return what a command does, in one line."""
+    return app[command].help.split("\n")[0]
+
+
 app = Application(
     name="cncrun",
-    usage="Usage: cncrun [run] PROGRAM [OPTIONS]\n       cncrun COMMAND [ARGUMENTS] [OPTIONS]",
-    help="Run G-code: read it, plan jerk-limited motion over its true curves, and send the pulses "
-    "to a board.",
-    help_epilogue="Options of a run: cncrun run --help. Of a command: cncrun COMMAND --help.",
+    usage=USAGE,
     help_format="plaintext",  # Markdown would double the time of --help.
+    group_parameters=OTHERS,
     version=__version__,
     result_action="return_value",
     suppress_keyboard_interrupt=False,
@@ -142,7 +188,7 @@ def run(
     program: ProgramOption,
     /,
     *,
-    dry_run: Annotated[bool, option("Only check, as cncrun check does.")] = False,
+    dry_run: Annotated[bool, option("Only check, as cncrun check does.", DAILY)] = False,
     on_board: BoardOptions = BOARD,
     common: CommonOptions = COMMON,
 ) -> int:
@@ -283,7 +329,7 @@ def papers(
     *,
     quiet: Annotated[bool, option("Do not print the tables.")] = False,
 ) -> int:
-    """Repeat the experiments of the papers, with tables and figures.
+    """Repeat the experiments of the papers: tables and figures.
 
     These are the papers behind the interpolators.
     """
@@ -345,7 +391,7 @@ def format_programs(
     ] = None,
     terminal: TerminalOptions = TERMINAL,
 ) -> int:
-    """Write programs in one form: blanks, capitals, numbers, words.
+    """Write programs in one form: blanks, capitals, words.
 
     Comments stay. Words are put in order. The program is read in both forms: its blocks are the
     same to the bit.
@@ -359,7 +405,7 @@ def format_programs(
 
 @app.command
 def config(program: ProgramOption, /) -> int:
-    """Show what holds for a program by its project file, and why.
+    """Show what holds for a program, and why.
 
     The project file is cncrun.toml, or [tool.cncrun] in pyproject.toml, found upwards.
     """

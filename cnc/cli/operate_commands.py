@@ -21,7 +21,6 @@ from cnc.cli.options import (
 )
 from cnc.cli.progress import ProgressDisplay
 from cnc.cli.signals import report_hang_up, typed_line
-from cnc.machine.project import machine_of
 from cnc.model.choices import Interpolation
 from cnc.model.diagnostics import (
     EXIT_STOPPED,
@@ -34,6 +33,7 @@ from cnc.model.units import per_second
 
 if TYPE_CHECKING:
     import cnc.cli.operating
+    import cnc.cli.projects
     from cnc.server.serve import Address
 
 TERMINAL = TerminalOptions()
@@ -339,7 +339,7 @@ def serve(
     terminal.open_log(machine)
     cli.load_library()
     if machine is None and folder is not None:
-        machine = machine_of(Path(folder))
+        machine = cli.projects.machine_of(Path(folder))
     chosen = cnc.load_machine(machine)
     try:
         from cnc.server import serve as server

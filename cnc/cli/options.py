@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, Literal, TextIO
 
-from cyclopts import Parameter, validators
+from cyclopts import Group, Parameter, validators
 
 import cnc
 from cnc.cli.messages import open_log
@@ -37,9 +37,15 @@ No argument of a program can contain it.
 CheckFormat = Literal["text", "json", "sarif", "junit", "github"]
 
 
-def option(text: str) -> Parameter:
-    """Return an option without the negative form ``--no-...``."""
-    return Parameter(help=text, negative="")
+DAILY, OTHERS = Group("Daily options", sort_key=1), Group("Options", sort_key=2)
+"""The options that most runs need, which help shows first; the others."""
+
+
+def option(text: str, group: Group | None = None) -> Parameter:
+    """Return an option without the negative form ``--no-...``; ``group``: None for the others."""
+    if group is None:
+        return Parameter(help=text, negative="")
+    return Parameter(help=text, negative="", group=group)
 
 
 def output(text: str) -> Parameter:
@@ -53,14 +59,15 @@ def _file_or_hyphen(_: object, tokens: Sequence[Token]) -> str:
 
 
 MachineOption = Annotated[
-    str | None, option("Machine file (TOML), or the name of a shipped one such as paper-nurbs.")
+    str | None,
+    option("Machine file (TOML), or the name of a shipped one such as paper-nurbs.", DAILY),
 ]
 BoardOption = Annotated[
     str | None,
     option(
         "loopback, stepper, grbl, grbl-sim, klipper, klipper-sim, file, or an installed driver; "
-        "by default the board "
-        "of the machine file."
+        "by default the board of the machine file.",
+        DAILY,
     ),
 ]
 
@@ -228,14 +235,16 @@ class BoardOptions:
     board: BoardOption = None
     port: Annotated[
         str | None,
-        option("Port of the board (/dev/ttyUSB0); for --board file, the .npz file to write."),
+        option(
+            "Port of the board (/dev/ttyUSB0); for --board file, the .npz file to write.", DAILY
+        ),
     ] = None
     check_on_board: Annotated[
         bool, option("Let the board read the program without moving (GRBL's $C).")
     ] = False
     from_line: Annotated[
         int | None,
-        option("Begin at this source line: show the moves to it at a safe height, and ask."),
+        option("Begin at this source line: show the moves to it at a safe height, and ask.", DAILY),
     ] = None
     rapid_override: Annotated[
         int | None, option("Per cent of the traverse speeds on a GRBL board: 25, 50 or 100.")
@@ -249,7 +258,7 @@ class BoardOptions:
     ] = False
     yes: Annotated[
         bool,
-        option("Do not ask; without a terminal, skip the pauses for the operator (M0, M6)."),
+        option("Do not ask; without a terminal, skip the pauses for the operator (M0, M6).", DAILY),
     ] = False
     home: Annotated[bool, option("Home the machine before the program, as cncrun home does.")] = (
         False

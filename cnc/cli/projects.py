@@ -129,3 +129,15 @@ def described(program: str) -> list[str]:
         printable(f"{key:<{width}}  {value:<{longest}}  {origin}")
         for key, (value, origin) in shown.items()
     ]
+
+
+def machine_of(folder: Path) -> str | None:
+    """Return the machine that a project file has for all programs of a folder; None for none.
+
+    Raises:
+        MachineFileError: as :func:`project_of`.
+    """
+    program = folder / "any program"
+    project = project_of(program)
+    held = {} if project is None else project.settings(program)
+    return held["machine"].value if "machine" in held else None

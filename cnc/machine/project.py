@@ -159,18 +159,6 @@ def project_of(program: Path) -> Project | None:
     return _project_in(program.resolve().parent)
 
 
-def machine_of(folder: Path) -> str | None:
-    """Return the machine that a project file has for all programs of a folder; None for none.
-
-    Raises:
-        MachineFileError: as :func:`project_of`.
-    """
-    program = folder / "any program"
-    project = project_of(program)
-    held = {} if project is None else project.settings(program)
-    return held["machine"].value if "machine" in held else None
-
-
 def forget_projects() -> None:
     """Read the project files again when they are needed next: one of them has changed."""
     _project_in.cache_clear()

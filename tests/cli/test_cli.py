@@ -12,7 +12,7 @@ import pytest
 from cnc import api
 from cnc.boards.loopback import Loopback
 from cnc.cli import NEW_OBJECTS, load_library
-from cnc.cli.commands import app
+from cnc.cli.commands import TASKS, app
 from cnc.cli.messages import EXIT_PIPE
 from cnc.machine.load import load_machine, shipped_machines
 from tests.support.cli.messages import last_message
@@ -387,9 +387,11 @@ def test_help_fits_a_screen_and_has_one_line_for_each_command(cncrun):
     code, out, _ = cncrun("--help")
     assert code == 0
     assert len(out.splitlines()) <= 35
-    rows = [line.strip("│ \n") for line in out.splitlines() if line.startswith("│")]
-    commands = sorted(name for name in app if not name.startswith("-"))
-    assert [row.split()[0] for row in rows] == [*commands, "--help", "--version"]
+    assert max(map(len, out.splitlines())) <= 80
+    rows = [line[9:].split() for line in out.splitlines()[6:] if line[9:10].islower()]
+    shown = [row[0] for row in rows if row[0] in app]
+    assert sorted(shown) == sorted(name for name in app if not name.startswith("-"))
+    assert [line.split("  ")[0] for line in out.splitlines()[6:-3] if line[0] != " "] == [*TASKS]
     assert not {"--board", "--trace", "--dialect"} & set(out.replace(",", " ").split())
     assert "cncrun run --help" in out
 
@@ -405,6 +407,14 @@ def test_run_may_be_left_out(cncrun, program, arguments):
     code, _, err = cncrun(*arguments, name, "second.nc")
     assert code == 2
     assert "cncrun runs one program" in err
+
+
+def test_the_options_of_most_runs_stand_first(cncrun):
+    _, out, _ = cncrun("run", "--help")
+    daily, others = out.index("Daily options"), out.index("─ Options")
+    for name in ("--machine", "--board", "--port", "--dry-run", "--from-line", "--yes"):
+        assert daily < out.index(f"{name} ") < others
+    assert out.index("--trace") > others
 
 
 @pytest.mark.parametrize("arguments", [("run",), ("part.nc",), ("--yes",)])

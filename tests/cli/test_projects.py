@@ -10,7 +10,8 @@ import pytest
 
 from cnc.batch.task import Task
 from cnc.cli import exit_code
-from cnc.machine.project import project_of, project_schema
+from cnc.cli.projects import machine_of
+from cnc.machine.project import forget_projects, project_of, project_schema
 from cnc.model.diagnostics import MachineFileError
 from tests.support.paths import ROOT
 
@@ -252,3 +253,16 @@ def test_diff_refuses_programs_of_two_machines(
     assert "--machine" in capsys.readouterr().err
     # Followed to the letter, the advice leads to the result.
     assert exit_code(["diff", *programs, "--machine", str(folder / "mill.toml")]) == 0
+
+
+def test_the_machine_for_all_programs_of_a_folder(tmp_path):
+    assert machine_of(tmp_path) is None
+    for name in ("mill.toml", "lathe.toml"):
+        (tmp_path / name).touch()
+    lathe = '[[programs]]\nfiles = ["lathe/*.nc"]\nmachine = "lathe.toml"\n'
+    (tmp_path / "cncrun.toml").write_text(f'machine = "mill.toml"\n{lathe}')
+    forget_projects()
+    assert machine_of(tmp_path / "jobs") == str(tmp_path / "mill.toml")
+    (tmp_path / "cncrun.toml").write_text(lathe)
+    forget_projects()
+    assert machine_of(tmp_path / "jobs") is None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from cnc.machine.load import shipped_machines
-from cnc.machine.project import forget_projects, machine_of
+from cnc.machine.project import forget_projects
 from tests.support.waiting import wait_until
 
 FANUC_ALONE = "O0001\nG21 G90 G94 F100\n#100 = 5\nG65 P0002 A#100\nM30\nO0002\nG1 X#1\nM99\n"
@@ -81,16 +81,3 @@ def test_a_run_is_read_as_the_project_file_says(controller, console, project):
     project('dialect = "fanuc"\n')
     assert controller("POST", "/api/jobs/part.nc/run", {"trust_position": True}).status_code == 200
     wait_until(lambda: console.library.history()[0]["outcome"] == "done")
-
-
-def test_the_machine_for_all_programs_of_a_folder(tmp_path):
-    assert machine_of(tmp_path) is None
-    for name in ("mill.toml", "lathe.toml"):
-        (tmp_path / name).touch()
-    lathe = '[[programs]]\nfiles = ["lathe/*.nc"]\nmachine = "lathe.toml"\n'
-    (tmp_path / "cncrun.toml").write_text(f'machine = "mill.toml"\n{lathe}')
-    forget_projects()
-    assert machine_of(tmp_path / "jobs") == str(tmp_path / "mill.toml")
-    (tmp_path / "cncrun.toml").write_text(lathe)
-    forget_projects()
-    assert machine_of(tmp_path / "jobs") is None
