@@ -67,7 +67,7 @@ class ProbeOptions:
 
     probe: Annotated[bool, option("Measure with the touch probe in the spindle.")] = False
     reach: Annotated[float, option("With the probe: longest way to a face, mm.")] = 10.0
-    contacts: Annotated[int, option("With the probe: contacts of a place.")] = 3
+    contacts: Annotated[int, option("With the probe: contacts of a place.")] = 5
     contact_feed: Annotated[
         float, option("With the probe: speed of a first contact, mm/min; four times slower then.")
     ] = 100.0

@@ -49,6 +49,8 @@ TRIES = 3
 """Touches of a place until its contacts agree."""
 SLANT = 0.25
 """Least tangent of the angle between a slanted face and each of its two axes."""
+SHIFT = 0.37
+"""Way between the places of two reversals, mm: so rounding to steps differs, and averages out."""
 INSET = 2.0
 """Way of the first touch from the corner of an outer square, in ways to the face."""
 
@@ -64,7 +66,7 @@ class Face(NamedTuple):
 
     towards: int = 1
     way: float = 10.0
-    contacts: int = 3
+    contacts: int = 5
 
     def check(self) -> None:
         """Raise UsageError ``measure-option`` for a touch that is none."""
@@ -111,13 +113,12 @@ def backlash(scale: Scale, other: Scale, face: Face, *, repeats: int = 3) -> Pro
     if letter == other.letter:
         message = f"{name} cannot show its own play: its nut is pushed the same way at each touch"
         raise wrong_option(message, "let another axis touch a slanted face, such as --touch Y+")
-    top = scale.place
-    below, above = top - LEAD, top + LEAD
-    scale.check(below, above)
+    scale.check(scale.place - LEAD, scale.place + LEAD + (repeats - 1) * SHIFT)
     other.check(other.place, other.place + face.towards * face.way)
     plays, largest = [], 0.0
-    for _ in range(repeats):
-        places = []
+    for number in range(repeats):
+        top, places = scale.place + scale.whole(number * SHIFT), []
+        below, above = top - LEAD, top + LEAD
         for way in ((below, top), (above, top), (below, above)):
             for place in way:
                 yield GoTo(letter, place, guarded=True)
@@ -143,7 +144,7 @@ def backlash(scale: Scale, other: Scale, face: Face, *, repeats: int = 3) -> Pro
         raise disagree(
             f"the face shows a play of {play:.3f} mm", "is it flat and fixed? Else use a gauge"
         )
-    yield GoTo(letter, top, guarded=True)
+    yield GoTo(letter, scale.place, guarded=True)
     method = f"{repeats} reversals at a slanted face, contacts within {largest:.4f} mm"
     return backlash_of(scale, plays, method)
 

@@ -61,7 +61,7 @@ class Touch(NamedTuple):
 
     axis: str
     way: float
-    contacts: int = 3
+    contacts: int = 5
 
 
 class Todo(NamedTuple):
