@@ -73,7 +73,8 @@ def uncompensated(machine: Machine, letters: Iterable[str], *, square: bool = Fa
             message = f"{letter.upper()} is no linear axis with a motor of its own"
             raise UsageError(Diagnostic("measure-axis", message, hint=f"the axes are {names}"))
         axes[letter] = axes[letter].model_copy(update={"backlash": None, "error_table": None})
-    changed = {"axes": axes, **({"squareness": None} if square else {})}
+    # The map has the errors of all axes in it.
+    changed = {"axes": axes, "error_map": None, **({"squareness": None} if square else {})}
     return machine.model_copy(update=changed)
 
 

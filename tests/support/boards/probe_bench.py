@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,7 +93,7 @@ class ProbeBench(Loopback):
         self._faulty, self._part = faulty, part
         self._halves = np.array([0.5 * faulty.backlash.get(letter, 0.0) for letter in "xyz"])
         self._nuts = self._position / self._scale - self._halves
-        self._screws = FaultyMachine(faulty.xy, faulty.xz, faulty.yz, faulty.screws)
+        self._screws = replace(faulty, backlash={})
         self._armed: Probe | None = None
         self._met = False
         self._threshold = 0.0
