@@ -331,6 +331,9 @@ def _measure(
     if probe.probe and board_factory(on.board or given.board.kind).traits.simulated:
         message, hint = "a simulated board has no probe that touches a face", "name a real board"
         raise UsageError(Diagnostic("measure-board", message, hint=hint))
+    if probe.probe and given.kind == "lathe":
+        message, hint = "the probe measures along X, not across a diameter", "use a gauge"
+        raise UsageError(Diagnostic("measure-option", message, hint=hint))
     # A touch needs an axis that rests while another one moves.
     apart = {letter for letter in given.axes if letter in measuring.LINEAR} if probe.probe else ()
     plain = measuring.uncompensated(given, {*letters, *apart}, square=len(letters) > 1)
@@ -464,6 +467,8 @@ def _write(measured: Measured, machine: Machine, *, yes: bool) -> None:
     tables = {} if table is None else {table: _csv(measured.table, remark)}
     machine_file.write(file, after, tables)
     print(printable(f"written to {file}"), "home the machine before it runs again", sep="\n")
+    if machine.error_map is not None and measured.is_of_place:
+        print("machine.error_map was measured with the values before: measure it again")
 
 
 def _csv(table: Sequence[ErrorPoint], remark: str) -> str:

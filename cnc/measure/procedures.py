@@ -123,6 +123,12 @@ class Measured:
     keys: Mapping[tuple[str, ...], float | str | None]
     table: tuple[ErrorPoint, ...] = field(default=())
 
+    @property
+    def is_of_place(self) -> bool:
+        """Whether the keys change places to which the machine is sent."""
+        changed = {name for path in self.keys for name in path}
+        return not changed.isdisjoint(("backlash", "error_table", "squareness"))
+
 
 class Scale(NamedTuple):
     """An axis that is measured.

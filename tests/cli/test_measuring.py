@@ -342,3 +342,45 @@ def test_a_probe_that_cannot_measure_is_refused(cncrun, mill, words, code):
     exit_code, _, err = cncrun("measure", *words, "--machine", str(mill))
     assert exit_code == 2
     assert f"{code}: " in err
+
+
+def test_a_lathe_is_not_measured_with_the_probe(cncrun, mill, bench):
+    mill.write_text(mill.read_text().replace('"Mill"', '"Lathe"\nkind = "lathe"'))
+    bench([Slab((-90.0, 5.0, -9.0), (90.0, 50.0, 9.0))], (0.0, 0.0, 0.0))
+    words = ("backlash", "X", "--probe", "--touch", "Y+", "--machine", str(mill))
+    code, _, err = cncrun("measure", *words)
+    assert code == 2
+    assert "measure-option: the probe measures along X" in err
+
+
+def test_ctrl_c_stops_a_touch(cncrun, mill, bench, monkeypatch):
+    """The machine comes to rest before the face, and nothing is written."""
+    before = mill.read_text()
+    bench([Slab((-90.0, 9.0, -9.0), (90.0, 50.0, 9.0))], (0.0, 0.0, 0.0))
+    sent = []
+    execute = ProbeBench.execute
+
+    def stopped(self, block, time_ns):
+        sent.append(block)
+        if len(sent) == 3:
+            signal.raise_signal(signal.SIGINT)
+        return execute(self, block, time_ns)
+
+    monkeypatch.setattr(ProbeBench, "execute", stopped)
+    words = ("backlash", "X", "--probe", "--touch", "Y+", "--yes", "--machine", str(mill))
+    code, _, err = cncrun("measure", *words)
+    assert code == 130, err
+    assert mill.read_text() == before
+
+
+def test_a_map_that_was_measured_with_the_old_values_is_named(cncrun, mill, typed):
+    """The map is not compensated meanwhile, as it has the errors of all axes in it."""
+    rows = "".join(
+        f"{x},{y},{z},0.01,0,0\n" for x in (-300, 300) for y in (-300, 300) for z in (-300, 300)
+    )
+    (mill.parent / "map.csv").write_text("x,y,z,dx,dy,dz\n" + rows)
+    mill.write_text(mill.read_text().replace('"Mill"', '"Mill"\nerror_map = "map.csv"'))
+    typed(BACKLASH)
+    code, out, _ = cncrun("measure", "backlash", "X", "--yes", "--machine", str(mill))
+    assert code == 0
+    assert "machine.error_map was measured with the values before: measure it again" in out
