@@ -237,6 +237,11 @@ class Compensation:
         }
         return CellsOfAll(screws, self.cells_of_volume(start, middle, end))
 
+    @property
+    def has_volume(self) -> bool:
+        """Whether there is an error map."""
+        return self._volume is not None
+
     def cells_of_volume(self, start: Floats, middle: Floats, end: Floats) -> CellsOfVolume | None:
         """Return the cells of the error map, as :meth:`cells`; None without a map."""
         if self._volume is None:

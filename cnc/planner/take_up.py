@@ -306,8 +306,10 @@ class Walk(NamedTuple):
 def _place(path: PathChunk, places: Parts, play: Play, order: int) -> Floats:
     """Return a term of the series of an axis at places of a path (m,)."""
     tip = tip_series(path, places, order, bounds=False)
-    here = np.stack([axis.terms[0] for axis in tip], axis=-1)
-    cells = play.compensation.cells_of_volume(here, here, here)
+    cells = None
+    if play.compensation.has_volume:
+        here = np.stack([axis.terms[0] for axis in tip], axis=-1)
+        cells = play.compensation.cells_of_volume(here, here, here)
     term: Floats = play.compensation.place(play.column, tip, cells).terms[order]
     return term
 
@@ -329,8 +331,10 @@ def _monotone(path: PathChunk, parts: Parts, plays: Sequence[Play]) -> Parts:
         cut = np.full(len(parts.piece), np.nan)
         tip = tip_series(path, parts, 1, bounds=True)
         width = parts.last - parts.first
-        three = [_tips(path, places) for places in (parts.starts, parts.middles, parts.ends)]
-        cells = plays[0].compensation.cells_of_volume(*three)
+        cells = None
+        if plays[0].compensation.has_volume:
+            three = [_tips(path, places) for places in (parts.starts, parts.middles, parts.ends)]
+            cells = plays[0].compensation.cells_of_volume(*three)
         for play in plays:
             rate = play.compensation.place(play.column, tip, cells).terms[1]
             if not isinstance(rate, Interval):
