@@ -95,7 +95,9 @@ def joints_on_board(machine: Machine, board: str) -> UsageError:
     """
     if machine.is_compensated:
         message = f"{board} plans its own motion, so errors of the machine are not compensated"
-        hint = "use a board that plays pulses, or remove squareness, error_table and backlash"
+        hint = (
+            "use a board that plays pulses, or remove squareness, error_map, error_table, backlash"
+        )
         return UsageError(Diagnostic("compensation-on-board", message, hint=hint))
     message = f"{board} has its kinematics in its firmware"
     hint = "leave [kinematics] and [joints] out of the machine file of such a board"

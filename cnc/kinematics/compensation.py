@@ -1,7 +1,7 @@
-r"""Errors of a machine with a motor for each axis: axes that are not square, screws with errors.
+r"""Errors of a machine with a motor for each axis: its volume, leaning axes, screws with errors.
 
-    tip (true place)  ──► places along the axes ──► places of the motors
-                squareness                 error table
+    tip (true place) ──► place it is sent to ──► places along the axes ──► places of the motors
+                    error map             squareness                error table
 
 Squareness. X is the reference, and Y stays in the plane of X and Y. With a, b, c, the angles of XY,
 XZ, YZ beyond 90 degrees, the unit vectors along the axes are the columns of E:
@@ -21,7 +21,7 @@ Its second derivative has no jump, so the acceleration of the motor has none.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +29,8 @@ from numpy.typing import NDArray
 
 from cnc.kinematics.interval import Interval
 from cnc.kinematics.series import Series
+from cnc.kinematics.splines import natural_spline
+from cnc.kinematics.volume import CellsOfVolume, Volume
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -92,8 +94,8 @@ class Screw:
             self._halves = np.array([[halves[0], 0.0, 0.0, 0.0]])
             self._origins = np.zeros(1)
             return
-        self._cubics = _natural_spline(self.knots, np.array(corrections, np.float64))
-        self._halves = _natural_spline(self.knots, halves)
+        self._cubics = natural_spline(self.knots, np.array(corrections, np.float64))
+        self._halves = natural_spline(self.knots, halves)
         # Each cell begins at the knot before it; the first one at its own end.
         self._origins = np.concatenate((self.knots[:1], self.knots))
 
@@ -126,13 +128,17 @@ class Screw:
         low = np.concatenate(([-np.inf], self.knots))[number] - SLACK
         return low, np.concatenate((self.knots, [np.inf]))[number] + SLACK
 
-    def motor(self, place: Series, cells: Cells, side: Series | Floats | float) -> Series:
+    def motor(
+        self, place: Series, cells: Cells, side: Series | Floats | float, shift: float
+    ) -> Series:
         """Return the series of the motor from that of the axis.
 
         Args:
             place: The axis on parts of a path (m,).
             cells: The cell of each part. A part that leaves its cell has no bounds.
             side: The side of the nut, -1 to 1.
+            shift: Distance of ``place`` from the place of the cells, mm: the error map moves it by
+                so little that the polynomial still stands for the spline.
         """
         a, b, c, d = self._cubics[cells.number].T
         h = place - self._origins[cells.number]
@@ -145,7 +151,7 @@ class Screw:
         if not isinstance(first, Interval):
             return motor
         low, high = self._range(cells.number)
-        leaves = (first.lo < low) | (first.hi > high)
+        leaves = (first.lo < low - shift) | (first.hi > high + shift)
         # A place that only rises or only falls lies between its ends.
         rate = place.terms[1]
         turns = (rate.lo < 0.0) & (rate.hi > 0.0) if isinstance(rate, Interval) else False
@@ -173,60 +179,105 @@ class Screw:
         return float(slopes[:, cell].max()), cell
 
 
+class CellsOfAll(NamedTuple):
+    """Cells of all corrections in which parts of a path lie.
+
+    Attributes:
+        screws: By the column of their axis.
+        volume: Those of the error map, if there is one.
+    """
+
+    screws: Mapping[int, Cells]
+    volume: CellsOfVolume | None
+
+
+Sides = Mapping[int, Series | Floats | float]
+"""Sides of nuts by the column of their axis: 1 where the motor pushes up, -1 where down."""
+
+
 class Compensation:
     """Places of the motors at which the tip is where it shall be.
-
-    The side of a nut is 1 where its motor pushes it up, -1 where it pushes it down.
 
     Args:
         leaning: Unit vectors along the axes as columns (axes, axes), in true directions.
         screws: Corrections by the column of their axis.
+        volume: The error map, and the columns of X, Y, Z; None without one.
 
     Attributes:
         screws: The same.
-        square: Matrix (axes, axes) from a tip to the places along the axes.
+        square: Matrix (axes, axes) from the place that the tip is sent to, to places along the
+            axes.
         is_linear: Whether the motors are a linear function of the tip.
         is_even: Whether corrections do not depend on the place.
     """
 
-    def __init__(self, leaning: Floats, screws: Mapping[int, Screw]) -> None:
+    def __init__(
+        self,
+        leaning: Floats,
+        screws: Mapping[int, Screw],
+        volume: tuple[Volume, Sequence[int]] | None = None,
+    ) -> None:
         self.screws = dict(screws)
         self.square = np.linalg.inv(leaning)
         self._leaning = leaning
-        self.is_linear = not any(len(s.knots) or s.play for s in self.screws.values())
-        self.is_even = not any(len(screw.knots) for screw in self.screws.values())
+        self._volume: Volume | None = None
+        self._columns: list[int] = []
+        if volume is not None:
+            self._volume, self._columns = volume[0], list(volume[1])
+        self._shift = 0.0 if self._volume is None else 2.0 * self._volume.largest
+        self.is_even = volume is None and not any(len(s.knots) for s in self.screws.values())
+        self.is_linear = self.is_even and not any(screw.play for screw in self.screws.values())
 
-    def cells(self, start: Floats, middle: Floats, end: Floats) -> dict[int, Cells]:
-        """Return the cells of parts of a path from three tips (m, axes) of each, by column."""
+    def cells(self, start: Floats, middle: Floats, end: Floats) -> CellsOfAll:
+        """Return the cells of parts of a path from three tips (m, axes) of each."""
         three = [tips @ self.square.T for tips in (start, middle, end)]
-        return {
+        screws = {
             axis: screw.parts_in_cells(*(places[:, axis] for places in three))
             for axis, screw in self.screws.items()
         }
+        return CellsOfAll(screws, self.cells_of_volume(start, middle, end))
 
-    def motors(
-        self,
-        tip: Sequence[Series],
-        cells: Mapping[int, Cells],
-        sides: Mapping[int, Series | Floats | float],
-    ) -> list[Series]:
+    @property
+    def has_volume(self) -> bool:
+        """Whether there is an error map."""
+        return self._volume is not None
+
+    def cells_of_volume(self, start: Floats, middle: Floats, end: Floats) -> CellsOfVolume | None:
+        """Return the cells of the error map, as :meth:`cells`; None without a map."""
+        if self._volume is None:
+            return None
+        return self._volume.cells(*(tips[:, self._columns] for tips in (start, middle, end)))
+
+    def place(self, axis: int, tip: Sequence[Series], cells: CellsOfVolume | None) -> Series:
+        """Return the series of the place along an axis from those of the tip."""
+        return _weighted(self.square[axis].tolist(), self._sent(tip, cells))
+
+    def _sent(self, tip: Sequence[Series], cells: CellsOfVolume | None) -> list[Series]:
+        """Return the series of the place that the tip is sent to."""
+        sent = list(tip)
+        if self._volume is not None and cells is not None:
+            three = [tip[column] for column in self._columns]
+            corrections = self._volume.series(three, cells)
+            for column, correction in zip(self._columns, corrections, strict=True):
+                sent[column] = sent[column] - correction
+        return sent
+
+    def motors(self, tip: Sequence[Series], cells: CellsOfAll, sides: Sides) -> list[Series]:
         """Return the series of the motors from those of the tip on parts of a path in cells."""
-        motors = [_weighted(row, tip) for row in self.square.tolist()]
+        sent = self._sent(tip, cells.volume)
+        motors = [_weighted(row, sent) for row in self.square.tolist()]
         for axis, screw in self.screws.items():
-            motors[axis] = screw.motor(motors[axis], cells[axis], sides.get(axis, 1.0))
+            side = sides.get(axis, 1.0)
+            motors[axis] = screw.motor(motors[axis], cells.screws[axis], side, self._shift)
         return motors
 
-    def motors_at(
-        self, tips: Floats, sides: Mapping[int, Series | Floats | float] | None = None
-    ) -> Floats:
+    def motors_at(self, tips: Floats, sides: Sides | None = None) -> Floats:
         """Return the motors (m, axes) at tips (m, axes), mm; without sides, pushed up."""
         cells = self.cells(tips, tips, tips)
         motors = self.motors([Series([column]) for column in tips.T], cells, sides or {})
         return np.stack([np.asarray(motor.terms[0]) for motor in motors], axis=-1)
 
-    def tips_at(
-        self, motors: Floats, sides: Mapping[int, Series | Floats | float] | None = None
-    ) -> Floats:
+    def tips_at(self, motors: Floats, sides: Sides | None = None) -> Floats:
         """Return the tips (m, axes) at motors (m, axes), mm; without sides, pushed up."""
         places = motors.copy()
         for axis, screw in self.screws.items():
@@ -234,6 +285,8 @@ class Compensation:
             side = side.terms[0] if isinstance(side, Series) else side
             places[:, axis] = screw.place(motors[:, axis], side)
         tips: Floats = places @ self._leaning.T
+        if self._volume is not None:
+            tips[:, self._columns] = self._volume.reached(tips[:, self._columns])
         return tips
 
     def border(self, start: Floats, end: Floats) -> tuple[Floats, Floats]:
@@ -244,19 +297,26 @@ class Compensation:
             end: Tips at their end.
 
         Returns:
-            Weights (m, axes) and places (m,): the weighted sum of the tip is the place of an axis.
+            Weights (m, axes) and places (m,): the weighted sum of the tip is the place of a knot.
             Places are not numbers where there is no knot between start and end.
         """
         weights, places = np.zeros_like(start), np.full(len(start), np.nan)
-        first, last = start @ self.square.T, end @ self.square.T
-        for axis, screw in self.screws.items():
-            low = np.minimum(first[:, axis], last[:, axis]) + SLACK
-            high = np.maximum(first[:, axis], last[:, axis]) - SLACK
-            knot, beyond = screw.cells(low), screw.cells(high)
-            crossed = np.flatnonzero((beyond > knot) & np.isnan(places))
-            weights[crossed] = self.square[axis]
-            places[crossed] = screw.knots[(knot + beyond)[crossed] // 2]
+        for row, knots in self._knots():
+            first, last = start @ row, end @ row
+            low = np.searchsorted(knots, np.minimum(first, last) + SLACK, "right")
+            high = np.searchsorted(knots, np.maximum(first, last) - SLACK, "right")
+            crossed = np.flatnonzero((high > low) & np.isnan(places))
+            weights[crossed] = row
+            places[crossed] = knots[(low + high)[crossed] // 2]
         return weights, places
+
+    def _knots(self) -> Iterator[tuple[Floats, Floats]]:
+        """Yield rows (axes,) and knots: cells end where the weighted sum of the tip is a knot."""
+        for axis, screw in self.screws.items():
+            yield self.square[axis], screw.knots
+        if self._volume is not None:
+            for column, places in zip(self._columns, self._volume.grid, strict=True):
+                yield np.eye(len(self.square))[column], places
 
 
 def _weighted(row: list[float], tip: Sequence[Series]) -> Series:
@@ -266,29 +326,3 @@ def _weighted(row: list[float], tip: Sequence[Series]) -> Series:
     for share in shares[1:]:
         place = place + share
     return place
-
-
-def _natural_spline(knots: Floats, values: Floats) -> Floats:
-    """Return the cubics (n + 1, 4) of the cells in powers of the distance from their knot."""
-    n, steps = len(knots), np.diff(knots)
-    slopes = np.diff(values) / steps
-    # The second derivatives m: h0 m0 + 2 (h0 + h1) m1 + h1 m2 = 6 (slope 1 - slope 0), 0 at the
-    # ends, by elimination of the diagonal below (Thomas).
-    bend, factor = np.zeros(n), np.zeros(n)
-    for k in range(1, n - 1):
-        pivot = 2.0 * (steps[k - 1] + steps[k]) - steps[k - 1] * factor[k - 1]
-        factor[k] = steps[k] / pivot
-        bend[k] = (6.0 * (slopes[k] - slopes[k - 1]) - steps[k - 1] * bend[k - 1]) / pivot
-    for k in range(n - 2, 0, -1):
-        bend[k] -= factor[k] * bend[k + 1]
-    cubics = np.zeros((n + 1, 4))
-    cubics[1:, 0] = values
-    cubics[0, 0] = values[0]
-    inner = cubics[1:-1]
-    inner[:, 1] = slopes - steps * (2.0 * bend[:-1] + bend[1:]) / 6.0
-    inner[:, 2] = bend[:-1] / 2.0
-    inner[:, 3] = np.diff(bend) / (6.0 * steps)
-    cubics[0, 1] = inner[0, 1]
-    last = inner[-1]
-    cubics[-1, 1] = last[1] + steps[-1] * (2.0 * last[2] + 3.0 * steps[-1] * last[3])
-    return cubics

@@ -19,6 +19,7 @@ from pydantic_core import core_schema
 
 from cnc.kinematics.five_axis import FiveAxis
 from cnc.machine.compensation import TableError, read_error_table, screw
+from cnc.machine.error_map import ErrorMap, read_error_map
 from cnc.machine.kinematics import KINEMATICS, OF_TIP, Cartesian
 from cnc.machine.models import (
     Axis,
@@ -245,10 +246,37 @@ def _compensation(machine: Machine) -> Iterator[Inconsistency]:
                 f"the travel is {axis.travel[0]:g} to {axis.travel[1]:g}"
             )
             yield Inconsistency(key, message, "measure the whole travel, or shorten the travel")
+    if isinstance(machine.error_map, ErrorMap):
+        yield from _error_map(machine, machine.error_map)
     if machine.is_compensated and not isinstance(machine.kinematics, Cartesian):
         message = "the compensation of errors needs a motor for each axis"
-        hint = f"{machine.kinematics.type} has none: remove squareness and error tables"
+        hint = f"{machine.kinematics.type} has none: remove squareness, error map and tables"
         yield Inconsistency(("kinematics", "type"), message, hint)
+
+
+def _error_map(machine: Machine, error_map: ErrorMap) -> Iterator[Inconsistency]:
+    """Compare the error map with the axes and their travel."""
+    key = ("machine", "error_map")
+    tables: dict[str, Axis] = {str(letter): axis for letter, axis in machine.axes.items()}
+    for letter, places in zip("xyz", error_map.grid, strict=True):
+        axis = tables.get(letter)
+        if axis is None:
+            yield Inconsistency(key, f"the machine has no axis {letter}", "remove the map")
+        elif axis.wrap is not None:
+            yield Inconsistency(key, f"the axis {letter} repeats after a turn", "remove the map")
+        elif len(places) == 1:
+            continue  # The same errors everywhere along the axis.
+        elif axis.travel is None:
+            hint = f"write axes.{letter}.travel = [lowest, highest]"
+            yield Inconsistency(key, f"a map needs the travel of {letter} that it is for", hint)
+        elif not (
+            places[0] <= axis.travel[0] + ROUNDING and axis.travel[1] <= places[-1] + ROUNDING
+        ):
+            message = (
+                f"the map is for {letter.upper()}{places[0]:g} to {places[-1]:g}, "
+                f"the travel is {axis.travel[0]:g} to {axis.travel[1]:g}"
+            )
+            yield Inconsistency(key, message, "measure the whole travel, or shorten the travel")
 
 
 def _axis_limits(machine: Machine, table: str, letter: str, axis: Axis) -> Iterator[Inconsistency]:
@@ -596,8 +624,14 @@ def _tables(annotation: object) -> Iterator[type[Section]]:
 
 
 def _with_error_tables(machine: Machine, file: Traversable, text: str) -> Machine:
-    """Return the machine with the rows of the files that its error tables name."""
-    axes = dict(machine.axes)
+    """Return the machine with the rows of the files that its error tables and map name."""
+    axes, error_map = dict(machine.axes), machine.error_map
+    if isinstance(error_map, Path):
+        folder = file.resolve().parent if isinstance(file, Path) else Path()
+        try:
+            error_map = read_error_map(folder / error_map)
+        except TableError as error:
+            raise value_error(file, text, ("machine", "error_map"), str(error)) from None
     for letter, axis in machine.axes.items():
         table = axis.error_table
         if not isinstance(table, Path):
@@ -609,7 +643,7 @@ def _with_error_tables(machine: Machine, file: Traversable, text: str) -> Machin
             key = ("axes", letter, "error_table")
             raise value_error(file, text, key, str(error)) from None
         axes[letter] = axis.model_copy(update={"error_table": points})
-    return machine.model_copy(update={"axes": axes})
+    return machine.model_copy(update={"axes": axes, "error_map": error_map})
 
 
 def _with_absolute_files(machine: Machine, file: Traversable, text: str) -> Machine:

@@ -20,6 +20,7 @@ from pydantic import BeforeValidator, Field, FiniteFloat, WithJsonSchema
 
 from cnc.kinematics.compensation import Compensation, leaning_axes
 from cnc.machine.compensation import ErrorTable, Squareness, screw
+from cnc.machine.error_map import ErrorMap, ErrorMapFile
 from cnc.machine.kinematics import Cartesian, KinematicsTable, OfJoints
 from cnc.machine.klipper import KlipperBoard
 from cnc.machine.program_codes import Codes, RunFile
@@ -292,6 +293,13 @@ class Header(Section):
             "that positions are true places."
         ),
     )
+    error_map: ErrorMapFile | None = Field(
+        default=None,
+        description=(
+            "Errors in the volume: a csv file with x,y,z,dx,dy,dz, mm, for each point of a grid. "
+            "The motion is corrected."
+        ),
+    )
 
 
 class Homing(Section):
@@ -550,7 +558,7 @@ class Machine(Header):
     @property
     def is_compensated(self) -> bool:
         """Whether the motors go to other places than the axes, because errors are compensated."""
-        return self.squareness is not None or any(
+        return (self.squareness, self.error_map) != (None, None) or any(
             axis.error_table is not None or axis.backlash is not None for axis in self.axes.values()
         )
 
@@ -573,7 +581,10 @@ class Machine(Header):
             for column, axis in enumerate(self.axes.values())
             if axis.error_table is not None or axis.backlash is not None
         }
-        return Compensation(leaning, screws)
+        if not isinstance(self.error_map, ErrorMap):
+            return Compensation(leaning, screws)
+        columns = [names.index(letter) for letter in ("x", "y", "z")]
+        return Compensation(leaning, screws, (self.error_map.volume, columns))
 
     @property
     def has_joints_as_axes(self) -> bool:
@@ -584,7 +595,8 @@ class Machine(Header):
     def of_joints(self) -> Machine:
         """The machine whose axes are the joints, for what lies behind the plan: pulses, boards."""
         if self.is_compensated:
-            return self.model_copy(update={"axes": self._motors, "squareness": None})
+            plain = {"axes": self._motors, "squareness": None, "error_map": None}
+            return self.model_copy(update=plain)
         if self.kinematics.with_tip_control:
             return self.model_copy(update={"kinematics": Cartesian()})
         if not self.kinematics.joints:

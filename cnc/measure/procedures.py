@@ -1,10 +1,11 @@
 """Guided measurements with a gauge: backlash, pitch of a screw, squareness.
 
 A procedure moves nothing and reads nothing itself. It is a generator that yields steps, and
-receives the reading that a step asks for:
+receives the reading or the contacts that a step asks for:
 
     procedure ──► GoTo("x", 12.5)           whoever drives it moves the axis
               ──► Reading("the gauge, mm")  ◄── 0.043
+              ──► Touch("x", 10.0)          ◄── (21.302, 21.304, 21.303)
               ──► Measured                  by ``return``
 
 So the terminal, the console and a test drive the same procedure. Positions are those of the
@@ -16,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -40,10 +41,37 @@ class GoTo(NamedTuple):
     Attributes:
         axis: Its letter.
         place: The place, mm.
+        guarded: Whether the touch probe is in the spindle: a contact ends the move, and the
+            measurement.
     """
 
     axis: str
     place: float
+    guarded: bool = False
+
+
+class Touch(NamedTuple):
+    """A step: touch a face along an axis with the probe, and go back; ask for the contacts.
+
+    Attributes:
+        axis: Its letter.
+        way: The longest way to the face, mm, with its sign.
+        contacts: Number of contacts.
+    """
+
+    axis: str
+    way: float
+    contacts: int = 5
+
+
+class Todo(NamedTuple):
+    """A step: let the operator do something, and wait.
+
+    Attributes:
+        text: What to do.
+    """
+
+    text: str
 
 
 class Reading(NamedTuple):
@@ -56,8 +84,10 @@ class Reading(NamedTuple):
     text: str
 
 
-Step = GoTo | Reading
-Procedure = Generator[Step, float, "Measured"]
+Step = GoTo | Reading | Touch | Todo
+Answer = float | tuple[float, ...]
+"""The reading, or machine places of contacts, mm; after other steps it does not count."""
+Procedure = Generator[Step, Any, "Measured"]
 
 
 class Row(NamedTuple):
@@ -92,6 +122,12 @@ class Measured:
     rows: tuple[Row, ...]
     keys: Mapping[tuple[str, ...], float | str | None]
     table: tuple[ErrorPoint, ...] = field(default=())
+
+    @property
+    def is_of_place(self) -> bool:
+        """Whether the keys change places to which the machine is sent."""
+        changed = {name for path in self.keys for name in path}
+        return not changed.isdisjoint(("backlash", "error_table", "squareness"))
 
 
 class Scale(NamedTuple):
@@ -137,8 +173,8 @@ def backlash(scale: Scale, *, reverse: float = 0.5, repeats: int = 3) -> Procedu
     Raises:
         UsageError: ``measure-option``, ``measure-travel``, ``measure-readings``.
     """
-    _check_count("the reversals", repeats, 1)
-    way = scale.whole(_checked("the way back", reverse))
+    check_count("the reversals", repeats, 1)
+    way = scale.whole(checked("the way back", reverse))
     top, below = scale.place, scale.place - way - LEAD
     scale.check(top, below)
     letter, name = scale.letter, scale.letter.upper()
@@ -157,29 +193,41 @@ def backlash(scale: Scale, *, reverse: float = 0.5, repeats: int = 3) -> Procedu
         yield GoTo(letter, top)
         up = yield Reading("the gauge where it began")
         if abs(up - first) > AGREE:
-            raise _disagree(
+            raise disagree(
                 f"the gauge shows {up:g} where it showed {first:g}",
                 "fix the gauge and its stand, and measure again",
             )
     spread, play = max(plays) - min(plays), float(np.mean(plays))
     step = 1.0 / scale.steps_per_mm
     if spread > max(AGREE, step):
-        raise _disagree(
-            f"the reversals differ by {spread:.3f} mm: {_listed(plays)}",
+        raise disagree(
+            f"the reversals differ by {spread:.3f} mm: {listed(plays)}",
             "fix the gauge and its stand; an axis that differs by itself is loose or dirty",
         )
     if play < -max(AGREE, step):
-        raise _disagree(
+        raise disagree(
             f"the gauge moved {way - play:.3f} mm while {name} moved {way:g} mm",
             f"let the gauge lie along {name}; is the scale of {name} (steps_per_mm) right?",
         )
     if play >= way - max(AGREE, step):
-        raise _disagree(
+        raise disagree(
             f"the gauge does not follow {name} back by {way:g} mm",
             "measure again with a longer way back: --reverse 3",
         )
-    key = ("axes", letter, "backlash")
-    remark = f"{repeats} reversals of {way:g} mm, {min(plays):.3f} to {max(plays):.3f} mm"
+    return backlash_of(scale, plays, f"{repeats} reversals of {way:g} mm")
+
+
+def backlash_of(scale: Scale, plays: Sequence[float], method: str) -> Measured:
+    """Return the result of a play that was measured several times.
+
+    Args:
+        scale: The axis.
+        plays: The plays, mm.
+        method: How they were measured.
+    """
+    letter, name, step = scale.letter, scale.letter.upper(), 1.0 / scale.steps_per_mm
+    key, play = ("axes", letter, "backlash"), float(np.mean(plays))
+    remark = f"{method}, {min(plays):.3f} to {max(plays):.3f} mm"
     if play < 0.5 * step:
         title = f"{name} has no backlash: {play:.3f} mm is less than half a step"
         return Measured(title, remark, (Row("reversal", play, play),), {key: None})
@@ -203,15 +251,15 @@ def pitch(
     Raises:
         UsageError: ``measure-option``, ``measure-travel``, ``measure-readings``.
     """
-    _check_count("the places", places, 2)
+    check_count("the places", places, 2)
     if not last - first > LEAD:
         message = f"the last place must be more than {LEAD:g} mm above the first one"
-        raise _option(message, "such as --first 0 --last 300")
+        raise wrong_option(message, "such as --first 0 --last 300")
     letter, name = scale.letter, scale.letter.upper()
     at = [scale.whole(float(place)) for place in np.linspace(first, last, places)]
     if len(set(at)) < places:
-        raise _option(f"{places} places are closer than a step", "take fewer places")
-    _check_covered(scale, at)
+        raise wrong_option(f"{places} places are closer than a step", "take fewer places")
+    check_covered(scale, at)
     turns = [at[0] - LEAD, *([at[-1] + LEAD] if both else [])]
     scale.check(*turns, *at)
     todo = (
@@ -229,18 +277,37 @@ def pitch(
         for number in reversed(range(places)):
             yield GoTo(letter, at[number])
             down[number] = yield Reading(f"the scale at {name}{at[number]:g}, from above")
-    table = []
+    method = f"{places} places from {at[0]:g} to {at[-1]:g} mm{', both directions' if both else ''}"
+    return pitch_of(scale, at, up, down, method)
+
+
+def pitch_of(
+    scale: Scale, at: Sequence[float], up: Sequence[float], down: Sequence[float], method: str
+) -> Measured:
+    """Return the result of true places along an axis.
+
+    Args:
+        scale: The axis.
+        at: Places to which it was sent, mm.
+        up: Places that it reached from below, from any zero, mm.
+        down: Places that it reached from above, mm.
+        method: How they were measured.
+
+    Raises:
+        UsageError: ``measure-readings``.
+    """
+    letter, name, table = scale.letter, scale.letter.upper(), []
     for place, low, high in zip(at, up, down, strict=True):
         forward, back = (reading - up[0] - (place - at[0]) for reading in (low, high))
         if forward - back > AGREE:
-            raise _disagree(
+            raise disagree(
                 f"at {name}{place:g} the scale shows less from above ({high:g}) "
                 f"than from below ({low:g})",
                 f"does the scale grow where {name} grows, and is it fixed?",
             )
         table.append(ErrorPoint(place, round(forward, 4), round(max(forward, back), 4)))
     for fault in table_faults(tuple(table)):
-        raise _disagree(fault, "measure again, with numbers in mm")
+        raise disagree(fault, "measure again, with numbers in mm")
     play = max(row.reverse - row.forward for row in table)
     if play <= 0.5 / scale.steps_per_mm:
         table = [ErrorPoint(row.place, row.forward, row.forward) for row in table]
@@ -253,14 +320,14 @@ def pitch(
     behind = [table[-1]._replace(place=high)] if high > at[-1] else []
     return Measured(
         f"errors of {name}: up to {largest:.3f} mm",
-        f"{places} places from {at[0]:g} to {at[-1]:g} mm{', both directions' if both else ''}",
+        method,
         _pitch_rows(table, letter),
         keys,
         (*beyond, *table, *behind),
     )
 
 
-def _check_covered(scale: Scale, at: Sequence[float]) -> None:
+def check_covered(scale: Scale, at: Sequence[float]) -> None:
     """Compare places with the travel: beyond them the error counts as that of the nearest one.
 
     Raises:
@@ -269,14 +336,13 @@ def _check_covered(scale: Scale, at: Sequence[float]) -> None:
     low, high = scale.travel
     if not math.isfinite(high - low):
         message = f"the travel of {scale.letter.upper()} is not known, and a table is for all of it"
-        raise _option(message, f"write axes.{scale.letter}.travel = [lowest, highest]")
-    farthest = at[1] - at[0] + FINE
-    if at[0] - low > farthest or high - at[-1] > farthest:
+        raise wrong_option(message, f"write axes.{scale.letter}.travel = [lowest, highest]")
+    first, last = at[1] - at[0], at[-1] - at[-2]
+    if at[0] - low > first + FINE or high - at[-1] > last + FINE:
         name = scale.letter.upper()
         message = f"the places leave out a part of the travel of {name}, {low:g} to {high:g}"
-        raise _option(
-            message, f"begin and end within {at[1] - at[0]:g} mm of its ends, or take fewer places"
-        )
+        hint = f"begin within {first:g} mm and end within {last:g} mm of its ends"
+        raise wrong_option(message, f"{hint}, or take fewer places")
 
 
 def _pitch_rows(table: Sequence[ErrorPoint], letter: str) -> tuple[Row, ...]:
@@ -287,7 +353,7 @@ def _pitch_rows(table: Sequence[ErrorPoint], letter: str) -> tuple[Row, ...]:
     try:
         corrected = screw(tuple(table), None)
     except TableError as error:
-        raise _disagree(str(error), "measure again") from None
+        raise disagree(str(error), "measure again") from None
     at = np.array([row.place for row in table])
     middle = np.sort(np.concatenate((at, 0.5 * (at[1:] + at[:-1]))))
     rows = []
@@ -336,8 +402,8 @@ def square(
     sign = -1.0 if points_to_plus else 1.0
     names = tuple(scale.letter.upper() for scale in scales)
     for scale, length in zip(scales, lengths, strict=True):
-        if abs(_checked("a length", length, signed=True)) < 10.0:
-            raise _option("a leg is shorter than 10 mm", "move along at least 10 mm of it")
+        if abs(checked("a length", length, signed=True)) < 10.0:
+            raise wrong_option("a leg is shorter than 10 mm", "move along at least 10 mm of it")
         scale.check(scale.place, scale.place + length)
     angles = []
     for half in range(2 if turned else 1):
@@ -358,10 +424,30 @@ def square(
             leans.append(math.atan(sign * (after - before) / length))
             yield GoTo(scale.letter, scale.place)
         angles.append(math.degrees(leans[0] + leans[1]))
+    return square_of(scales, lengths, angles)
+
+
+def square_of(
+    scales: tuple[Scale, Scale],
+    lengths: tuple[float, float],
+    angles: Sequence[float],
+    method: str = "",
+) -> Measured:
+    """Return the result of an angle between two axes.
+
+    Args:
+        scales: The axes.
+        lengths: Ways along the legs, mm.
+        angles: Degrees beyond 90, also with the square turned over if there are two.
+        method: More about how they were measured.
+    """
+    names = tuple(scale.letter.upper() for scale in scales)
     angle = float(np.mean(angles))
     pair = "".join(scale.letter for scale in scales)
-    own = f", the square's own error {0.5 * (angles[1] - angles[0]):+.4f} deg" if turned else ""
-    remark = f"legs of {abs(lengths[0]):g} and {abs(lengths[1]):g} mm{own}"
+    own = ""
+    if len(angles) > 1:
+        own = f", the square's own error {0.5 * (angles[1] - angles[0]):+.4f} deg"
+    remark = f"legs of {abs(lengths[0]):g} and {abs(lengths[1]):g} mm{own}{method}"
     value = round(angle, 4)
     row = Row(
         f"over {abs(lengths[1]):g} mm",
@@ -373,24 +459,29 @@ def square(
     return Measured(title, remark, (row,), {("machine", "squareness", pair): text})
 
 
-def _listed(values: Sequence[float]) -> str:
+def listed(values: Sequence[float]) -> str:
+    """Return numbers for a message, mm."""
     return ", ".join(f"{value:.3f}" for value in values)
 
 
-def _checked(what: str, value: float, *, signed: bool = False) -> float:
+def checked(what: str, value: float, *, signed: bool = False) -> float:
+    """Return a length. UsageError ``measure-option`` where it is none."""
     if not math.isfinite(value) or value == 0.0 or (value < 0.0 and not signed):
-        raise _option(f"{what} is {value:g} mm", "give a length in mm")
+        raise wrong_option(f"{what} is {value:g} mm", "give a length in mm")
     return value
 
 
-def _check_count(what: str, count: int, least: int) -> None:
+def check_count(what: str, count: int, least: int) -> None:
+    """Compare a number of things with its bounds. UsageError ``measure-option``."""
     if not least <= count <= MOST_PLACES:
-        raise _option(f"{what} are {count}", f"give a number from {least} to {MOST_PLACES}")
+        raise wrong_option(f"{what} are {count}", f"give a number from {least} to {MOST_PLACES}")
 
 
-def _option(message: str, hint: str) -> UsageError:
+def wrong_option(message: str, hint: str) -> UsageError:
+    """Return the error of numbers with which nothing can be measured."""
     return UsageError(Diagnostic("measure-option", message, hint=hint))
 
 
-def _disagree(message: str, hint: str) -> UsageError:
+def disagree(message: str, hint: str) -> UsageError:
+    """Return the error of readings or contacts that contradict each other."""
     return UsageError(Diagnostic("measure-readings", message, hint=hint))

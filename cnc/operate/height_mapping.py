@@ -222,14 +222,21 @@ class PointsAgain:
         return self.surface.model_copy(update={"heights": tuple(map(tuple, heights))})
 
 
-def not_probed(ended: JobEnded) -> CncError:
-    """Return the fault of a grid whose probing has not reached its end."""
+def not_probed(ended: JobEnded, name: str) -> CncError:
+    """Return the fault of a program of contacts that has not reached its end.
+
+    Args:
+        ended: Its end.
+        name: Of the activity: that of a height map, or of a measurement.
+    """
     errors = [finding for finding in ended.findings if finding.severity == "error"]
     reason = errors[0].message if errors else "it was stopped"
-    message = f"the surface is not probed: {reason}"
-    hint = "correct the cause, and probe the whole grid again"
+    what, again, code = "the surface is not probed", "probe the whole grid again", "height-map-grid"
+    if name != HEIGHT_MAP:
+        what, again, code = "the face is not touched", "measure again", "measure-contact"
     fault = BoardError if ended.exit_code == EXIT_BOARD else UsageError
-    return fault(Diagnostic("height-map-grid", message, hint=hint))
+    hint = f"correct the cause, and {again}"
+    return fault(Diagnostic(code, f"{what}: {reason}", hint=hint))
 
 
 def _spread(span: Span, count: int) -> list[float]:

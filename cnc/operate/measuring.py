@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future
 from contextlib import contextmanager
+from typing import NamedTuple, Protocol, TypeVar
 
 from cnc.boards.protocols import PulseSink
 from cnc.boards.registry import open_board
 from cnc.machine.models import Machine
 from cnc.measure.limits import Bounds, Raised, Raising, Strokes, limits
-from cnc.measure.procedures import GoTo, Measured, Procedure, Scale
+from cnc.measure.procedures import Answer, Measured, Procedure, Reading, Scale, Step, Todo, Touch
 from cnc.model.blocks import AxisLetter
 from cnc.model.diagnostics import BoardError, Diagnostic, UsageError
 from cnc.model.operator_control import Control, HomingStopped
@@ -23,10 +25,34 @@ from cnc.session.kernel_needs import moving_jobs
 from cnc.session.program_reader import start_position
 
 LINEAR = "xyzuvw"
-Read = Callable[[str], float]
-"""Asks the operator for a number: the text says of what."""
-Move = Callable[[dict[str, float]], None]
-"""Moves axes by distances, mm, and waits for the rest."""
+T = TypeVar("T")
+
+
+class Operator(Protocol):
+    """The operator of a measurement, in a terminal or a console."""
+
+    def wait(self, future: Future[T]) -> T:
+        """Return a result; it may stop the machine."""
+
+    def read(self, text: str) -> float:
+        """Return a number: the last line of the text says of what."""
+
+    def let_do(self, text: str) -> None:
+        """Return when it is done."""
+
+
+class Moves(NamedTuple):
+    """How axes move in a measurement.
+
+    Attributes:
+        feed: Speed beside the operator, mm/s; None for the highest from which it stops in time.
+        contact_feed: Speed of a first contact, mm/min.
+        unhomed: Whether to move although the machine is not homed.
+    """
+
+    feed: float | None = None
+    contact_feed: float = 100.0
+    unhomed: bool = False
 
 
 def uncompensated(machine: Machine, letters: Iterable[str], *, square: bool = False) -> Machine:
@@ -35,7 +61,7 @@ def uncompensated(machine: Machine, letters: Iterable[str], *, square: bool = Fa
     Args:
         machine: The machine.
         letters: The axes.
-        square: Whether the angles between axes are measured too.
+        square: Whether the angles between axes are not compensated either.
 
     Raises:
         UsageError: ``measure-axis`` for an axis without a motor of its own.
@@ -47,7 +73,8 @@ def uncompensated(machine: Machine, letters: Iterable[str], *, square: bool = Fa
             message = f"{letter.upper()} is no linear axis with a motor of its own"
             raise UsageError(Diagnostic("measure-axis", message, hint=f"the axes are {names}"))
         axes[letter] = axes[letter].model_copy(update={"backlash": None, "error_table": None})
-    changed = {"axes": axes, **({"squareness": None} if square else {})}
+    # The map has the errors of all axes in it.
+    changed = {"axes": axes, "error_map": None, **({"squareness": None} if square else {})}
     return machine.model_copy(update=changed)
 
 
@@ -58,23 +85,38 @@ def scale_of(session: OperatorSession, letter: str) -> Scale:
     return Scale(letter, axis.steps_per_mm, session.state.machine[letter], travel)
 
 
-def carried_out(procedure: Procedure, session: OperatorSession, move: Move, read: Read) -> Measured:
+def carried_out(
+    procedure: Procedure, session: OperatorSession, operator: Operator, moves: Moves
+) -> Measured:
     """Carry out a procedure; return its result.
 
     Raises:
-        CncError: As the procedure, the moves, and ``read``.
+        CncError: As the procedure, the moves, and the operator.
     """
-    answer = 0.0
+
+    def answer_to(step: Step) -> Answer:
+        if isinstance(step, Reading):
+            return operator.read(step.text)
+        if isinstance(step, Todo):
+            operator.let_do(step.text)
+        elif isinstance(step, Touch):
+            return operator.wait(session.touch(step, moves.contact_feed, unhomed=moves.unhomed))
+        else:
+            way = step.place - session.state.machine[step.axis]
+            if abs(way) > 0.5 / session.machine.joint_tables[step.axis].steps_per_mm:
+                if step.guarded:
+                    touch = session.touch(step, moves.contact_feed, unhomed=moves.unhomed)
+                    operator.wait(touch)
+                else:
+                    way_of_axis = {step.axis: way}
+                    jog = session.jog_step(way_of_axis, moves.feed, unhomed=moves.unhomed)
+                    operator.wait(jog)
+        return 0.0
+
     try:
         step = next(procedure)
         while True:
-            if isinstance(step, GoTo):
-                way = step.place - session.state.machine[step.axis]
-                if abs(way) > 0.5 / session.machine.joint_tables[step.axis].steps_per_mm:
-                    move({step.axis: way})
-            else:
-                answer = read(step.text)
-            step = procedure.send(answer)
+            step = procedure.send(answer_to(step))
     except StopIteration as end:
         result: Measured = end.value
         return result

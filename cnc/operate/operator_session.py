@@ -17,6 +17,7 @@ from cnc.boards.port import Clock, SystemClock
 from cnc.boards.protocols import LineSink, PulseSink
 from cnc.machine.height_map import HeightMap
 from cnc.machine.models import Machine
+from cnc.measure.procedures import GoTo, Touch
 from cnc.model.diagnostics import CncError, Diagnostic, UsageError
 from cnc.model.operator_control import Control
 from cnc.operate import jogging
@@ -475,6 +476,26 @@ class OperatorSession:
             return self._programs.probe_points(again)
 
         return self._worker.begin("probe", probe)
+
+    def touch(
+        self, step: Touch | GoTo, feed: float, *, unhomed: bool = False
+    ) -> Future[tuple[float, ...]]:
+        """Carry out a step of a measurement with the touch probe; return its contacts, mm.
+
+        Args:
+            step: A touch, or a move that a contact ends.
+            feed: Speed of a first contact, mm/min.
+            unhomed: The position that the board reports is right, although it is not homed.
+
+        Raises:
+            CncError: ``measure-contact``.
+        """
+
+        def touch() -> tuple[float, ...]:
+            self._refuse_unless_lifted(self.machine.axes)
+            return self._programs.touch(step, feed, trust_position=unhomed)
+
+        return self._worker.begin("probe", touch)
 
     # Requests, at any time
 

@@ -18,6 +18,7 @@ from cnc.boards.port import Clock
 from cnc.checks.selection import Selection
 from cnc.machine.height_map import HeightMap
 from cnc.machine.models import Machine
+from cnc.measure.procedures import GoTo, Touch
 from cnc.model import parameter_numbers as numbers
 from cnc.model.diagnostics import BoardError, CncError, Diagnostic, UsageError
 from cnc.model.operator_control import Control, HomingStopped
@@ -38,6 +39,7 @@ from cnc.operate.machines import STATE_PERIOD, OperatedMachine
 from cnc.operate.modal_memory import ModalMemory, starts_outputs
 from cnc.operate.program_runs import Dialogs, RunWatch
 from cnc.operate.state_view import StateView, refuse_turned, stored_rotations, work_zero
+from cnc.operate.touching import MEASUREMENT, Touching
 from cnc.session.options import RunOptions
 from cnc.session.program_reader import MDI_NAME, InlineProgram
 from cnc.session.resume import PausePlace
@@ -499,13 +501,7 @@ class Programs:
         system = view.system
         refuse_turned(system, view.rotations, "a height map is along the axes")
         height = view.work_position(system)["z"]
-        text = f"{system}\n{grid.program(height)}".encode()
-        parameters: dict[int, float] = {}
-        program = InlineProgram(MDI_NAME, text)
-        options = replace(CYCLES, trust_position=trust_position)
-        ended = self._run(program, HEIGHT_MAP, options, 1, parameters.update)
-        if ended.outcome != "done":
-            raise not_probed(ended)
+        parameters = self._probed(grid.program(height), HEIGHT_MAP, trust_position=trust_position)
         work, place = view.work_position(system), view.readings.position
         return grid.height_map(
             parameters, system, {letter: place[letter] - work[letter] for letter in work}
@@ -517,13 +513,35 @@ class Programs:
         system = view.system
         refuse_turned(system, view.rotations, "a height map is along the axes")
         again.check(system, work_zero(view.offsets, system))
-        text = f"{system}\n{again.program(view.work_position(system)['z'])}".encode()
+        program = again.program(view.work_position(system)["z"])
+        return again.height_map(self._probed(program, HEIGHT_MAP))
+
+    def touch(self, step: Touch | GoTo, feed: float, *, trust_position: bool) -> tuple[float, ...]:
+        """Carry out a step of a measurement with the probe; return the contacts, mm.
+
+        Args:
+            step: The step.
+            feed: Speed of a first contact, mm/min.
+            trust_position: The position that the board reports is right.
+
+        Raises:
+            CncError: ``measure-contact`` if a contact is missing, or if one is in the way.
+        """
+        view = self._worker.view
+        refuse_turned(view.system, view.rotations, "a measurement is along the axes")
+        touching = Touching(step, view.readings.position[step.axis], feed)
+        parameters = self._probed(touching.program, MEASUREMENT, trust_position=trust_position)
+        return touching.contacts(parameters)
+
+    def _probed(self, text: str, name: str, *, trust_position: bool = False) -> dict[int, float]:
+        """Return the parameters after a program of contacts, which begins in the system in use."""
+        program = InlineProgram(MDI_NAME, f"{self._worker.view.system}\n{text}".encode())
         parameters: dict[int, float] = {}
-        program = InlineProgram(MDI_NAME, text)
-        ended = self._run(program, HEIGHT_MAP, CYCLES, 1, parameters.update)
+        options = replace(CYCLES, trust_position=trust_position)
+        ended = self._run(program, name, options, 1, parameters.update)
         if ended.outcome != "done":
-            raise not_probed(ended)
-        return again.height_map(parameters)
+            raise not_probed(ended, name)
+        return parameters
 
     def mdi(self, line: str, *, trust_position: bool) -> JobEnded:
         """Run a line, with the modal state of the lines before it."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kinematics.base import Kinematics, Point
-from cnc.kinematics.compensation import Cells, Compensation
+from cnc.kinematics.compensation import CellsOfAll, Compensation
 from cnc.kinematics.five_axis import FiveAxis
 from cnc.kinematics.series import Series
 from cnc.machine.models import Machine
@@ -180,7 +180,7 @@ class CompensatedAxes(JointMap):
         self.angular = tuple(name in ROTARY_LETTERS for name in self.names)
         self.linear, self.straight = compensation.is_linear, compensation.is_even
         self.compensation = compensation
-        self._cells: dict[int, Cells] = {}
+        self._cells = CellsOfAll({}, None)
         self._sides: Mapping[int, Series | Floats] = {}
 
     def with_sides(self, sides: Mapping[int, Series | Floats]) -> CompensatedAxes:

@@ -31,6 +31,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cnc.kinematics.compensation import Compensation
 from cnc.kinematics.interval import Interval
 from cnc.kinematics.series import Series, sqrt
 from cnc.machine.models import Machine
@@ -60,13 +61,15 @@ class Play(NamedTuple):
     """The play of an axis.
 
     Attributes:
-        weights: The place of the axis is the weighted sum of the tip (axes,).
+        compensation: Of the machine: it gives the place of the axis.
+        column: Column of the axis.
         deviation: Largest deviation of the nut at a reversal, mm.
         seconds: Least time in which the motor takes up the play, s.
         largest: The play where it is largest, mm.
     """
 
-    weights: Floats
+    compensation: Compensation
+    column: int
     deviation: float
     seconds: float
     largest: float
@@ -272,8 +275,8 @@ def plays_of(machine: Machine) -> dict[int, Play]:
                 axis.max_acceleration or math.inf,
                 axis.max_jerk or math.inf,
             )
-            weights = compensation.square[column]
-            plays[column] = Play(weights, DEVIATION / axis.steps_per_mm, seconds, play)
+            deviation = DEVIATION / axis.steps_per_mm
+            plays[column] = Play(compensation, column, deviation, seconds, play)
     return plays
 
 
@@ -300,11 +303,25 @@ class Walk(NamedTuple):
     place: float
 
 
+def _place(path: PathChunk, places: Parts, play: Play, order: int) -> Floats:
+    """Return a term of the series of an axis at places of a path (m,)."""
+    tip = tip_series(path, places, order, bounds=False)
+    cells = None
+    if play.compensation.has_volume:
+        here = np.stack([axis.terms[0] for axis in tip], axis=-1)
+        cells = play.compensation.cells_of_volume(here, here, here)
+    term: Floats = play.compensation.place(play.column, tip, cells).terms[order]
+    return term
+
+
 def _values(path: PathChunk, places: Parts, play: Play) -> Floats:
     """Return the places of an axis (m,)."""
-    tips = np.stack([s.terms[0] for s in tip_series(path, places, 0, bounds=False)], axis=-1)
-    values: Floats = tips @ play.weights
-    return values
+    return _place(path, places, play, 0)
+
+
+def _tips(path: PathChunk, places: Parts) -> Floats:
+    """Return the tips (m, axes) at places of a path."""
+    return np.stack([s.terms[0] for s in tip_series(path, places, 0, bounds=False)], axis=-1)
 
 
 def _monotone(path: PathChunk, parts: Parts, plays: Sequence[Play]) -> Parts:
@@ -314,8 +331,12 @@ def _monotone(path: PathChunk, parts: Parts, plays: Sequence[Play]) -> Parts:
         cut = np.full(len(parts.piece), np.nan)
         tip = tip_series(path, parts, 1, bounds=True)
         width = parts.last - parts.first
+        cells = None
+        if plays[0].compensation.has_volume:
+            three = [_tips(path, places) for places in (parts.starts, parts.middles, parts.ends)]
+            cells = plays[0].compensation.cells_of_volume(*three)
         for play in plays:
-            rate = _weighted([axis.terms[1] for axis in tip], play.weights)
+            rate = play.compensation.place(play.column, tip, cells).terms[1]
             if not isinstance(rate, Interval):
                 continue
             wavers = np.minimum(-rate.lo, rate.hi) * width > WAVER * play.deviation
@@ -336,20 +357,9 @@ def _monotone(path: PathChunk, parts: Parts, plays: Sequence[Play]) -> Parts:
     return joined(*done).in_order
 
 
-def _weighted(terms: Sequence[object], weights: Floats) -> object:
-    """Return the weighted sum of terms: intervals, or the number 0."""
-    total: object = 0.0
-    for weight, term in zip(weights.tolist(), terms, strict=True):
-        if weight and isinstance(term, Interval):
-            total = term * weight if not isinstance(total, Interval) else total + term * weight
-    return total
-
-
 def _rates(path: PathChunk, places: Parts, play: Play) -> Floats:
     """Return the derivatives of an axis by the parameter (m,)."""
-    series = tip_series(path, places, 1, bounds=False)
-    rates: Floats = np.stack([axis.terms[1] for axis in series], axis=-1) @ play.weights
-    return rates
+    return _place(path, places, play, 1)
 
 
 def _roots_of_rates(path: PathChunk, parts: Parts, play: Play) -> Floats:

@@ -1,12 +1,15 @@
 """The commands cncrun measure: typed readings in, keys of the machine file out."""
 
 import io
+import math
 import signal
 
 import numpy as np
 import pytest
 
 from cnc.machine.load import load_machine
+from tests.support.boards.probe_bench import Part, ProbeBench, Slab
+from tests.support.faulty_machine import FaultyMachine
 
 AXIS = """\
 [axes.{letter}]
@@ -201,3 +204,183 @@ def test_limits_on_a_board_that_plans_by_itself_are_refused(cncrun, mill):
     code, _, err = cncrun("measure", *words)
     assert code == 2
     assert "measure-board" in err
+
+
+BENCH_STEPS = 400.0
+"""Steps per mm of the machine file."""
+BALL = 1.0
+WAVE = 0.03
+
+
+@pytest.fixture
+def bench(monkeypatch):
+    """Return a function that puts a faulty machine with a probe behind the next command."""
+
+    def put(slabs, start, **errors):
+        part = Part(slabs, BALL, 0.002, 4)
+
+        class Bench(ProbeBench):
+            @classmethod
+            def for_operator(cls, machine, _):
+                return cls(machine, start, FaultyMachine(**errors), part)
+
+        monkeypatch.setattr("cnc.boards.registry.board_factory", lambda _: Bench)
+        return part
+
+    return put
+
+
+class Shifted:
+    """A slab at another place."""
+
+    def __init__(self, slab, by):
+        self.slab, self.by = slab, by
+
+    def distance(self, places):
+        return self.slab.distance(places - self.by)
+
+
+def test_backlash_is_measured_with_the_probe(cncrun, mill, bench):
+    """A face of 45 degrees lies 6 mm from the probe in Y. Other errors are in the machine too."""
+    mill.write_text(mill.read_text().replace('"Mill"', '"Mill"\nsquareness = { xy = "0.2 deg" }'))
+    away = 6.0 * math.cos(math.radians(45.0))
+    slab = Slab((-90.0, away, -90.0), (90.0, away + 30.0, 90.0), 45.0)
+    bench([slab], (0.0, 0.0, 0.0), backlash={"x": 0.05, "y": 0.03}, xy=0.2)
+    words = ("backlash", "X", "--probe", "--touch", "Y+", "--yes", "--machine", str(mill))
+    code, out, err = cncrun("measure", *words)
+    assert code == 0, err
+    axis = load_machine(mill).axes["x"]
+    assert axis.backlash == pytest.approx(0.05, abs=1.0 / BENCH_STEPS)
+    line = next(text for text in mill.read_text().splitlines() if "backlash" in text)
+    assert "# measured 20" in line
+    assert "3 reversals at a slanted face, contacts within 0.0" in line
+    assert "before" in out
+
+
+def test_errors_of_a_screw_are_measured_with_the_probe(cncrun, mill, bench):
+    """The faces of a step gauge, from 20 to 260 mm; the travel is shorter for this."""
+    mill.write_text(mill.read_text().replace("travel = [-300, 300]", "travel = [0, 280]"))
+
+    def error(x):
+        return WAVE * np.sin(x / 40.0)
+
+    faces = [0.0, 50.0, 100.002, 149.998, 200.0, 250.0]
+    slabs = [Slab((15.0 + at - 10.0, -90.0, -90.0), (15.0 + at, 90.0, 5.0)) for at in faces]
+    bench(slabs, (20.0, 10.0, 0.0), screws={"x": error}, backlash={"x": 0.04})
+    words = ("--probe", "--touch", "X-", "--faces", *map(str, faces), "--lift", "10")
+    code, _, err = cncrun("measure", "pitch", "X", *words, "--yes", "--machine", str(mill))
+    assert code == 0, err
+    table = load_machine(mill).axes["x"].error_table[1:-1]
+    assert [row.place for row in table] == pytest.approx([16.0 + at for at in faces], abs=0.1)
+    nuts = np.array([row.place for row in table]) + 0.02
+    off = np.array([row.forward for row in table]) - error(nuts)
+    assert 0.5 * np.ptp(off) <= 1.0 / BENCH_STEPS
+    remark = (mill.parent / "mill-x-errors.csv").read_text().splitlines()[0]
+    assert "6 faces over 250 mm, contacts within 0.0" in remark
+
+
+def test_the_angle_of_two_axes_is_measured_with_the_probe(cncrun, mill, bench, monkeypatch):
+    """The inner faces of a square; it is turned over where Enter is pressed."""
+    start = np.array((10.0, 20.0, 0.0))
+    faulty = FaultyMachine(xy=0.2)
+
+    def legs(corner, up, own):
+        tool = faulty.tool(corner[None])[0]
+        y = sorted((-6.0 * up, -30.0 * up))
+        second = sorted((-30.0 * up, 160.0 * up))
+        return [
+            Shifted(Slab((-40.0, y[0], -90.0), (190.0, y[1], 90.0), 0.3), tool),
+            Shifted(
+                Slab((-30.0, second[0], -90.0), (-6.0, second[1], 90.0), 0.3 + own),
+                tool,
+            ),
+        ]
+
+    part = bench(legs(start, 1.0, 0.05), start, xy=0.2, backlash={"x": 0.05})
+
+    class Hands(io.StringIO):
+        def readline(self, *_):
+            part.slabs[:] = legs(start + (0.0, 120.0, 0.0), -1.0, -0.05)
+            return "\n"
+
+    monkeypatch.setattr("sys.stdin", Hands())
+    words = ("square", "XY", "--probe", "--lengths", "150", "120", "--yes", "--machine", str(mill))
+    code, _, err = cncrun("measure", *words)
+    assert code == 0, err
+    assert "turn the square over" in err
+    angle = load_machine(mill).squareness.xy
+    assert float(angle.removesuffix(" deg")) == pytest.approx(0.2, abs=0.005)
+
+
+def test_a_probe_that_meets_something_on_its_way_ends_the_measurement(cncrun, mill, bench):
+    """A clamp stands beside the face. Nothing is written; the same goes for a missing face."""
+    before = mill.read_text()
+    clamp = Slab((-1.6, -5.0, -9.0), (-1.5, 5.0, 9.0))
+    bench([clamp], (0.0, 0.0, 0.0))
+    words = ("backlash", "X", "--probe", "--touch", "Y+", "--yes", "--machine", str(mill))
+    code, _, err = cncrun("measure", *words)
+    assert code == 2
+    assert "measure-contact: the probe met something at X-0.5" in err
+    bench([Slab((-90.0, 40.0, -9.0), (90.0, 50.0, 9.0))], (0.0, 0.0, 0.0))
+    code, _, err = cncrun("measure", *words)
+    assert code != 0
+    assert "measure-contact: the face is not touched: the probe made no contact" in err
+    assert mill.read_text() == before
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        (("backlash", "X", "--probe", "--touch", "Y+"), "measure-board"),
+        (("backlash", "X", "--probe"), "measure-option"),
+        (("backlash", "X", "--probe", "--touch", "Y"), "measure-option"),
+        (("pitch", "X", "--probe", "--touch", "Y+", "--faces", "0", "50"), "measure-option"),
+        (("pitch", "X"), "measure-option"),
+    ],
+)
+def test_a_probe_that_cannot_measure_is_refused(cncrun, mill, words, code):
+    exit_code, _, err = cncrun("measure", *words, "--machine", str(mill))
+    assert exit_code == 2
+    assert f"{code}: " in err
+
+
+def test_a_lathe_is_not_measured_with_the_probe(cncrun, mill, bench):
+    mill.write_text(mill.read_text().replace('"Mill"', '"Lathe"\nkind = "lathe"'))
+    bench([Slab((-90.0, 5.0, -9.0), (90.0, 50.0, 9.0))], (0.0, 0.0, 0.0))
+    words = ("backlash", "X", "--probe", "--touch", "Y+", "--machine", str(mill))
+    code, _, err = cncrun("measure", *words)
+    assert code == 2
+    assert "measure-option: the probe measures along X" in err
+
+
+def test_ctrl_c_stops_a_touch(cncrun, mill, bench, monkeypatch):
+    """The machine comes to rest before the face, and nothing is written."""
+    before = mill.read_text()
+    bench([Slab((-90.0, 9.0, -9.0), (90.0, 50.0, 9.0))], (0.0, 0.0, 0.0))
+    sent = []
+    execute = ProbeBench.execute
+
+    def stopped(self, block, time_ns):
+        sent.append(block)
+        if len(sent) == 3:
+            signal.raise_signal(signal.SIGINT)
+        return execute(self, block, time_ns)
+
+    monkeypatch.setattr(ProbeBench, "execute", stopped)
+    words = ("backlash", "X", "--probe", "--touch", "Y+", "--yes", "--machine", str(mill))
+    code, _, err = cncrun("measure", *words)
+    assert code == 130, err
+    assert mill.read_text() == before
+
+
+def test_a_map_that_was_measured_with_the_old_values_is_named(cncrun, mill, typed):
+    """The map is not compensated meanwhile, as it has the errors of all axes in it."""
+    rows = "".join(
+        f"{x},{y},{z},0.01,0,0\n" for x in (-300, 300) for y in (-300, 300) for z in (-300, 300)
+    )
+    (mill.parent / "map.csv").write_text("x,y,z,dx,dy,dz\n" + rows)
+    mill.write_text(mill.read_text().replace('"Mill"', '"Mill"\nerror_map = "map.csv"'))
+    typed(BACKLASH)
+    code, out, _ = cncrun("measure", "backlash", "X", "--yes", "--machine", str(mill))
+    assert code == 0
+    assert "machine.error_map was measured with the values before: measure it again" in out

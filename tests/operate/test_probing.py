@@ -10,6 +10,7 @@ import pytest
 from cnc.gcode.core.tool_table import ToolTable
 from cnc.machine.height_map import HeightMap, load_height_map, save_height_map
 from cnc.machine.load import load_machine
+from cnc.measure.procedures import GoTo, Touch
 from cnc.model.diagnostics import BoardError, UsageError
 from cnc.operate.height_mapping import Grid, PointsAgain
 from cnc.operate.operator_session import OperatorSession
@@ -275,3 +276,16 @@ def test_a_parameter_with_choices_has_their_meanings_and_takes_no_other_value():
     finding = refused.value.diagnostic
     assert finding.code == "cycle-parameter"
     assert finding.hint == "give 1 (towards plus X) or -1 (towards minus X)"
+
+
+def test_a_touch_gives_machine_places_and_goes_back(session):
+    """The zero of the work lies elsewhere; a move that meets the part on its way is an error."""
+    session.mdi("G10 L20 P1 X50 Y-3").result(PATIENCE)
+    on(session, Box((6.013, 40.0), (-9.0, 9.0), 4.0), radius=1.5)
+    contacts = session.touch(Touch("x", 10.0, 3), 600.0).result(PATIENCE)
+    assert contacts == pytest.approx([6.013 - 1.5] * 3, abs=CLOSE)
+    assert session.state.machine["x"] == pytest.approx(0.0, abs=CLOSE)
+    assert session.touch(GoTo("x", 3.0, guarded=True), 600.0).result(PATIENCE) == ()
+    assert session.state.machine["x"] == pytest.approx(3.0, abs=CLOSE)
+    with pytest.raises(UsageError, match=r"met something at X4\.5.* on its way to 9\.000"):
+        session.touch(GoTo("x", 9.0, guarded=True), 600.0).result(PATIENCE)

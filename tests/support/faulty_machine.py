@@ -19,6 +19,8 @@ class FaultyMachine:
         xy: Angle between +X and +Y less 90 degrees, in degrees; so are xz and yz.
         screws: By axis, the error at the place to which the motor was sent, mm.
         backlash: By axis, the play of the nut, mm.
+        volume: The error (n, 3) at places (n, 3) where the machine would stand with the errors
+            above alone, mm.
     """
 
     xy: float = 0.0
@@ -26,6 +28,7 @@ class FaultyMachine:
     yz: float = 0.0
     screws: Mapping[str, Callable[[Floats], Floats]] = field(default_factory=dict)
     backlash: Mapping[str, float] = field(default_factory=dict)
+    volume: Callable[[Floats], Floats] | None = None
 
     def tool(self, motors: Floats) -> Floats:
         """Return the places of the tool (n, 3) while the motors go through places (n, 3), mm.
@@ -45,7 +48,7 @@ class FaultyMachine:
         z = np.array([b, (c - a * b) / y[1], 0.0])
         z[2] = np.sqrt(1.0 - z @ z)
         tool: Floats = nuts @ np.stack((x, y, z))
-        return tool
+        return tool if self.volume is None else tool + self.volume(tool)
 
 
 def _pushed(motor: Floats, play: float) -> Floats:
