@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -60,6 +60,9 @@ def write_map(surface: HeightMap, name: str, *, quiet: bool) -> None:
         low, high = surface.extremes
         count = f"{len(surface.x)} x {len(surface.y)} points"
         print(f"height map   {printable(name)}: {count}, {low:.3f} to {high:.3f} mm")
+    if surface.gaps:
+        finding = replace(surface.gap_finding(printable(name)), severity="warning")
+        print(finding.render(), file=sys.stderr)
 
 
 @contextmanager

@@ -21,7 +21,7 @@ LARGEST_FILE = 50_000_000
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positions = Annotated[tuple[Finite, ...], Field(min_length=2, max_length=MOST_POINTS)]
-Row = Annotated[tuple[Finite, ...], Field(min_length=2, max_length=MOST_POINTS)]
+Row = Annotated[tuple[Finite | None, ...], Field(min_length=2, max_length=MOST_POINTS)]
 Rows = Annotated[tuple[Row, ...], Field(min_length=2, max_length=MOST_POINTS)]
 
 
@@ -41,7 +41,8 @@ class HeightMap(BaseModel):
     y: Positions = Field(description="Machine positions of the rows, ascending, mm.")
     heights: Rows = Field(
         description="Height of each point, mm: a row for each y, a column for each x. It is the "
-        "work position of Z at the contact, so it is 0 at the height of the work zero."
+        "work position of Z at the contact, so it is 0 at the height of the work zero; null where "
+        "the probe met nothing."
     )
     interpolation: Interpolation = Field(
         default="bilinear",
@@ -74,12 +75,37 @@ class HeightMap(BaseModel):
         if len(self.heights) != len(self.y) or any(len(row) != len(self.x) for row in self.heights):
             message = f"heights must have {len(self.y)} rows of {len(self.x)} numbers"
             raise ValueError(message)
+        if all(height is None for row in self.heights for height in row):
+            message = "heights must have a number"
+            raise ValueError(message)
         return self
 
     @property
     def extremes(self) -> tuple[float, float]:
         """Lowest and highest point, mm."""
-        return min(map(min, self.heights)), max(map(max, self.heights))
+        known = [height for row in self.heights for height in row if height is not None]
+        return min(known), max(known)
+
+    @property
+    def gaps(self) -> list[tuple[int, int]]:
+        """Column and row, from 0, of each point where the probe met nothing."""
+        return [
+            (column, row)
+            for row, heights in enumerate(self.heights)
+            for column, height in enumerate(heights)
+            if height is None
+        ]
+
+    def gap_finding(self, name: str) -> Diagnostic:
+        """Return the finding ``height-map-gap``; ``name``: of the map."""
+        gaps = self.gaps
+        column, row = gaps[0]
+        x = self.x[column] - self.work_zero.get("x", 0.0)
+        y = self.y[row] - self.work_zero.get("y", 0.0)
+        more = f" and at {len(gaps) - 1} more points" if len(gaps) > 1 else ""
+        message = f"the probe met nothing at X{x:g} Y{y:g}{more}: {name} has no height there"
+        hint = "probe these points again in the console, or a grid that lies on the part"
+        return Diagnostic("height-map-gap", message, hint=hint)
 
 
 def load_height_map(file: Path | str) -> HeightMap:

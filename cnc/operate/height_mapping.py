@@ -19,6 +19,10 @@ MOST_CONTACTS = 4900
 """Contacts of one grid: each has a numbered parameter, #31 to #4930."""
 SAME_ZERO = 0.001
 """Largest distance of two work zeros that count as one, mm."""
+MISSED = FIRST_PARAMETER - 1
+"""Parameter with the number of points without a contact in a row."""
+NOTHING = 1e6
+"""Added to the height of a point without a contact, mm."""
 FARTHEST = 10.0
 """Largest distance of the surface from the work zero, mm. Beyond it, Z was not set here."""
 
@@ -102,7 +106,9 @@ class Grid:
             ]
         elif height > self.clear:
             lines.append(first)
-        lines.append(f"G0 Z{self.clear:.6f}")
+        # Where the probe met nothing, G38.3 goes on to the next point. G38.2 stops: at the first
+        # point, and at the third one in a row. The cable may be off, or the part not there.
+        lines += [f"G0 Z{self.clear:.6f}", f"#{MISSED} = 2"]
         for row, y in enumerate(ys):
             # There and back, so that the way is short.
             order = range(len(xs)) if row % 2 == 0 else reversed(range(len(xs)))
@@ -110,8 +116,9 @@ class Grid:
                 number = FIRST_PARAMETER + row * len(xs) + column
                 lines += [
                     f"G0 X{xs[column]:.6f} Y{y:.6f}",
-                    f"G38.2 Z{-self.depth:.6f} F{self.feed:g}",
-                    f"#{number} = #5063",
+                    f"G[38.3 - 0.1 * [#{MISSED} GE 2]] Z{-self.depth:.6f} F{self.feed:g}",
+                    f"#{MISSED} = [[#{MISSED} + 1] * [1 - #5070]]",
+                    f"#{number} = [#5063 + {NOTHING:.0f} * [1 - #5070]]",
                     f"G0 Z{self.clear:.6f}",
                 ]
         return "\n".join([*lines, "M2", ""])
@@ -131,7 +138,7 @@ class Grid:
         """
         xs, ys = self.columns(), self.rows()
         heights = tuple(
-            tuple(round(parameters[FIRST_PARAMETER + row * len(xs) + k], 6) for k in range(len(xs)))
+            tuple(_height(parameters[FIRST_PARAMETER + row * len(xs) + k]) for k in range(len(xs)))
             for row in range(len(ys))
         )
         surface = HeightMap(
@@ -237,6 +244,11 @@ def not_probed(ended: JobEnded, name: str) -> CncError:
     fault = BoardError if ended.exit_code == EXIT_BOARD else UsageError
     hint = f"correct the cause, and {again}"
     return fault(Diagnostic(code, f"{what}: {reason}", hint=hint))
+
+
+def _height(number: float) -> float | None:
+    """Return the height of a point; None for one without a contact."""
+    return None if number > 0.5 * NOTHING else round(number, 6)
 
 
 def _spread(span: Span, count: int) -> list[float]:

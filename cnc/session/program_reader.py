@@ -617,7 +617,7 @@ class ProgramWarp:
         machine: The machine.
 
     Raises:
-        UsageError: ``height-map-file``, ``height-map-machine``.
+        UsageError: ``height-map-file``, ``height-map-machine``, ``height-map-gap``.
     """
 
     def __init__(self, file: str, machine: Machine) -> None:
@@ -629,10 +629,12 @@ class ProgramWarp:
             message = f"a height map needs X, Y and Z of a mill; {machine.name} has others"
             hint = "leave --height-map out, or name another machine"
             raise UsageError(Diagnostic("height-map-machine", message, hint=hint))
+        if self._map.gaps:
+            raise UsageError(self._map.gap_finding(printable(file)))
         self._surface = Surface(
             np.array(self._map.x),
             np.array(self._map.y),
-            np.array(self._map.heights),
+            np.array(self._map.heights, np.float64),
             smooth=self._map.interpolation == "bicubic",
         )
         self._warp: Warp | None = None

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from cnc.api import check, from_text
 from cnc.gcode.core.tool_table import ToolTable
 from cnc.machine.height_map import HeightMap, load_height_map, save_height_map
 from cnc.machine.load import load_machine
@@ -15,6 +16,7 @@ from cnc.model.diagnostics import BoardError, UsageError
 from cnc.operate.height_mapping import Grid, PointsAgain
 from cnc.operate.operator_session import OperatorSession
 from cnc.operate.probing import cycles, mdi_line, shipped_cycles
+from cnc.session.options import RunOptions
 from cnc.simulators.grbl.workpiece import Box, HalfSpace, Hole, Workpiece
 
 pytestmark = pytest.mark.usefixtures("quick_board")
@@ -233,11 +235,39 @@ def test_points_of_another_surface_are_refused(changes, system, zero, reason):
     assert reason in refused.value.diagnostic.message
 
 
-def test_a_grid_with_a_missing_contact_is_no_map(session):
-    on(session, Box((-5.0, 1.0), (-5.0, 40.0), -0.5))
+def test_a_grid_with_a_missing_contact_is_a_map_with_a_gap(session, tmp_path):
+    """All other points are kept; a program waits until the gap has a height."""
+    on(session, Box((-5.0, 40.0), (-5.0, 2.0), -0.5), Box((-5.0, 1.0), (-5.0, 40.0), -0.5))
     grid = Grid(x=(0.0, 3.0), y=(0.0, 3.0), step=3.0, clear=1.0, depth=1.0, feed=1500.0)
+    surface = session.probe_grid(grid).result(PATIENCE)
+    half = pytest.approx(-0.5, abs=CLOSE)
+    assert surface.heights == ((half, half), (half, None))
+    assert surface.gaps == [(1, 1)]
+    file = tmp_path / "map.json"
+    save_height_map(surface, file)
+    assert load_height_map(file) == surface
+    engraving = from_text("G21 G90 G94\nG0 X0 Y0 Z1\nG1 Z0 F100\nG1 X1\nM2\n")
+    options = RunOptions(height_map=str(file))
+    with pytest.raises(UsageError, match="height-map-gap") as refused:
+        check(engraving, session.machine, options)
+    assert "X3 Y3" in refused.value.diagnostic.message
+    on(session, Box((-5.0, 40.0), (-5.0, 40.0), -0.5))
+    again = PointsAgain(surface=surface, points=((1, 1),), clear=1.0, depth=1.0, feed=1500.0)
+    surface = session.probe_points(again).result(PATIENCE)
+    assert surface.heights == ((half, half), (half, half))
+    save_height_map(surface, file)
+    assert check(engraving, session.machine, options).ok
+
+
+@pytest.mark.parametrize("part", [(1.0, 40.0), (-5.0, 1.0)], ids=["first", "three in a row"])
+def test_a_probe_that_meets_nothing_again_and_again_stops(session, part):
+    """Its cable may be off: it must not be pressed into the part at each point."""
+    on(session, Box(part, (-5.0, 40.0), -0.5))
+    grid = Grid(x=(0.0, 9.0), y=(0.0, 3.0), step=3.0, clear=1.0, depth=1.0, feed=1500.0)
     with pytest.raises(BoardError, match="height-map-grid"):
         session.probe_grid(grid).result(PATIENCE)
+    reached = 0.0 if part[0] > 0.0 else 9.0
+    assert session.state.machine["x"] == pytest.approx(reached, abs=CLOSE)
 
 
 @pytest.mark.parametrize(

@@ -36,11 +36,17 @@ async function open() {
   name = element("map-shown").value;
   map = name ? await get(`height-maps/${encodeURIComponent(name)}`) : null;
   bad = map === null ? [] : differing(map);
-  chosen = new Set(bad.slice(0, MOST).map(({at}) => at));
-  const values = map?.heights.flat() ?? [];
-  element("map-range").textContent = map === null ? t`There is no height map yet.` : t`${map.x.length} x ${map.y.length} points, Z ${shown(Math.min(...values))} to ${shown(Math.max(...values))} of ${map.system}` + (bad.length ? t`; ${bad.length} differ from their neighbours` : "");
+  const missed = map === null ? [] : gaps(map), values = known(map);
+  chosen = new Set([...missed, ...bad.map(({at}) => at)].slice(0, MOST));
+  element("map-range").textContent = map === null ? t`There is no height map yet.` : t`${map.x.length} x ${map.y.length} points, Z ${shown(Math.min(...values))} to ${shown(Math.max(...values))} of ${map.system}` + (missed.length ? t`; nothing was met at ${missed.length}` : "") + (bad.length ? t`; ${bad.length} differ from their neighbours` : "");
   showPoints();
 }
+
+/** Return the heights of the points at which the probe met something. */
+const known = of => (of?.heights.flat() ?? []).filter(height => height !== null);
+
+/** Return the points at which it met nothing. */
+const gaps = ({heights}) => heights.flatMap((row, y) => row.flatMap((height, x) => height === null ? [`${x} ${y}`] : []));
 
 /** Return the value on a line through two places. */
 const through = (at, [a, va], [b, vb]) => va + (vb - va) * (at - a) / (b - a);
@@ -52,10 +58,11 @@ const through = (at, [a, va], [b, vb]) => va + (vb - va) * (at - a) / (b - a);
 export function differing({x, y, heights}) {
   const points = [];
   for (let row = 0; row < y.length; row++) for (let column = 0; column < x.length; column++) {
+    if (heights[row][column] === null) continue;
     const of = [[column, x, k => heights[row][k]], [row, y, k => heights[k][column]]], differences = [];
     for (const [k, places, value] of of) {
       for (const [a, b] of [[k - 1, k + 1], [k - 2, k - 1], [k + 1, k + 2]]) {
-        if (a >= 0 && b < places.length) differences.push(heights[row][column] - through(places[k], [places[a], value(a)], [places[b], value(b)]));
+        if (a >= 0 && b < places.length && value(a) !== null && value(b) !== null) differences.push(heights[row][column] - through(places[k], [places[a], value(a)], [places[b], value(b)]));
       }
     }
     // A map of two rows has no third point on a line.
@@ -74,7 +81,7 @@ function showPoints() {
       chosen.delete(at);
       showPoints();
     });
-    label.append(box, ` X ${shown(map.x[column] - map.work_zero.x)}, Y ${shown(map.y[row] - map.work_zero.y)}: Z ${shown(map.heights[row][column])}${by === undefined ? "" : t`, ${by > 0 ? "+" : ""}${shown(by)} beside its neighbours`}`);
+    label.append(box, ` X ${shown(map.x[column] - map.work_zero.x)}, Y ${shown(map.y[row] - map.work_zero.y)}: ${map.heights[row][column] === null ? t`no contact` : `Z ${shown(map.heights[row][column])}`}${by === undefined ? "" : t`, ${by > 0 ? "+" : ""}${shown(by)} beside its neighbours`}`);
     item.append(label);
     return item;
   }));
@@ -118,14 +125,27 @@ function draw() {
   pen.setTransform(dpr, 0, 0, dpr, 0, 0);
   if (map === null) return;
   const shade = each => getComputedStyle(document.documentElement).getPropertyValue(`--${each}`).trim();
-  const values = map.heights.flat(), low = Math.min(...values), span = Math.max(Math.max(...values) - low, 1e-9);
+  const values = known(map), low = Math.min(...values), span = Math.max(Math.max(...values) - low, 1e-9);
   const [ax, ay] = place(0, 0), [bx, by] = place(1, 1), r = Math.max(Math.min(0.42 * Math.abs(bx - ax), 0.42 * Math.abs(by - ay), PAD - 6), 2);
   for (let row = 0; row < map.y.length; row++) for (let column = 0; column < map.x.length; column++) {
-    const [x, y] = place(column, row), part = (map.heights[row][column] - low) / span * (RAMP.length - 1), k = Math.min(Math.floor(part), RAMP.length - 2);
-    pen.fillStyle = `rgb(${RAMP[k].map((each, n) => Math.round(each + (RAMP[k + 1][n] - each) * (part - k))).join(" ")})`;
+    const [x, y] = place(column, row), height = map.heights[row][column];
     pen.beginPath();
-    pen.arc(x, y, r, 0, 2 * Math.PI);
-    pen.fill();
+    if (height === null) {
+      // A cross: nothing was met here.
+      const arm = 0.7 * r;
+      for (const side of [-arm, arm]) {
+        pen.moveTo(x - arm, y - side);
+        pen.lineTo(x + arm, y + side);
+      }
+      pen.strokeStyle = shade("error");
+      pen.lineWidth = 2;
+      pen.stroke();
+    } else {
+      const part = (height - low) / span * (RAMP.length - 1), k = Math.min(Math.floor(part), RAMP.length - 2);
+      pen.fillStyle = `rgb(${RAMP[k].map((each, n) => Math.round(each + (RAMP[k + 1][n] - each) * (part - k))).join(" ")})`;
+      pen.arc(x, y, r, 0, 2 * Math.PI);
+      pen.fill();
+    }
     if (!chosen.has(`${column} ${row}`)) continue;
     pen.strokeStyle = shade("error");
     pen.lineWidth = 3;
