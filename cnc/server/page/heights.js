@@ -38,7 +38,7 @@ async function open() {
   bad = map === null ? [] : differing(map);
   const missed = map === null ? [] : gaps(map), values = known(map);
   chosen = new Set([...missed, ...bad.map(({at}) => at)].slice(0, MOST));
-  element("map-range").textContent = map === null ? t`There is no height map yet.` : t`${map.x.length} x ${map.y.length} points, Z ${shown(Math.min(...values))} to ${shown(Math.max(...values))} of ${map.system}` + (missed.length ? t`; nothing was met at ${missed.length}` : "") + (bad.length ? t`; ${bad.length} differ from their neighbours` : "");
+  element("map-range").textContent = map === null ? t`There is no height map yet.` : t`${map.x.length} x ${map.y.length} points, Z ${shown(Math.min(...values))} to ${shown(Math.max(...values))} of ${map.system}` + (missed.length ? t`; ${missed.length} without a contact` : "") + (bad.length ? t`; ${bad.length} differ from their neighbours` : "");
   showPoints();
 }
 

@@ -262,6 +262,13 @@ def test_the_dimensions_of_the_cuts_are_shown(desk):
     desk.wait_for_function(f"() => {texts} === ''")
 
 
+def without_a_contact(route):
+    """Answer with the map, without the height of its second point."""
+    surface = route.fetch().json()
+    surface["heights"][0][1] = None
+    route.fulfill(json=surface)
+
+
 def test_points_of_a_height_map_are_probed_again(desk):
     """A plane with two wrong points: they alone are found, whatever the tilt."""
     found = desk.evaluate(DIFFERING)
@@ -287,6 +294,16 @@ def test_points_of_a_height_map_are_probed_again(desk):
     picture(desk, "screen-desk-map")
     desk.get_by_role("button", name="Probe this point again").click()
     expect(desk.locator("#message")).to_contain_text("height map plate is in the library")
+    expect(desk.locator("#map-points li")).to_have_count(0)
+    desk.route("**/height-maps/plate", without_a_contact)
+    desk.locator("#map-shown").dispatch_event("change")
+    expect(desk.locator("#map-range")).to_contain_text(
+        "Z 0.000 to 0.000 of G54; 1 without a contact"
+    )
+    expect(desk.locator("#map-points li")).to_contain_text("X 10.000, Y 0.000: no contact")
+    picture(desk, "screen-desk-map-gap")
+    desk.unroute("**/height-maps/plate")
+    desk.locator("#map-shown").dispatch_event("change")
     expect(desk.locator("#map-points li")).to_have_count(0)
 
 
