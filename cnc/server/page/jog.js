@@ -1,4 +1,4 @@
-// Jogs: the pad, the keys and the gamepad. Each jog ends with its release, the focus, and the connection.
+// Jogs: the pad with its stick, the keys and the gamepad. Each jog ends with its release, the focus, and the connection.
 
 import {attempt, on, post, tell} from "./api.js";
 import {machine, needs, say, state} from "./machine.js";
@@ -10,6 +10,7 @@ const STEPS = [["continuous", 0], ["0.01", 0.01], ["0.1", 0.1], ["1", 1], ["10",
 const PAD = [["x", -1, "y", 1], ["y", 1], ["x", 1, "y", 1], null, ["z", 1],
   ["x", -1], null, ["x", 1], null, null,
   ["x", -1, "y", -1], ["y", -1], ["x", 1, "y", -1], null, ["z", -1]];
+const CENTRE = 6;  // of the pad: the place of the stick
 const TURNS = {"y1": 0, "x1y1": 1, "x1": 2, "x1y-1": 3, "y-1": 4, "x-1y-1": 5, "x-1": 6, "x-1y1": 7};  // eighths of a turn, clockwise from up
 const KEY_MAP = [["ArrowRight", {x: 1}, "X +"], ["ArrowLeft", {x: -1}, "X −"], ["ArrowUp", {y: 1}, "Y +"], ["ArrowDown", {y: -1}, "Y −"],
   ["PageUp", {z: 1}, "Z +"], ["PageDown", {z: -1}, "Z −"]];
@@ -40,7 +41,11 @@ function makeJog() {
     element("steps").append(label);
   }
   element("steps").append(Object.assign(document.createElement("span"), {textContent: "mm"}));
-  for (const parts of PAD) {
+  for (const [place, parts] of PAD.entries()) {
+    if (place === CENTRE && "x" in machine.axes && "y" in machine.axes) {
+      element("pad").append(stickOf());
+      continue;
+    }
     if (parts === null || parts.some((each, k) => k % 2 === 0 && !(each in machine.axes))) {
       element("pad").append(document.createElement("span"));
       continue;
@@ -143,33 +148,85 @@ function makeKeys() {
   element("unhomed").addEventListener("change", needs);
   element("keys").addEventListener("click", () => element("key-map").showModal());
   element("close-keys").addEventListener("click", () => element("key-map").close());
-  addEventListener("gamepadconnected", () => requestAnimationFrame(readPad));
+  addEventListener("gamepadconnected", readSticks);
 }
 
-let padActive = "";  // the directions of the jog of the gamepad
+// The sticks: that of the pad, and those of a gamepad.
 
-/** Read the gamepad. A shoulder button must be held; its release ends the jog. */
-function readPad() {
-  const pad = [...navigator.getGamepads()].find(Boolean);
-  if (!pad) {
-    if (padActive) release();
-    padActive = "";
-    return;
-  }
+const REACH = 90, DEAD = 0.15;  // px to full speed, and the part of them that is none
+const SECTORS = 24, BANDS = 4;  // directions around, and speeds
+
+let stick = null;     // how far the pad's stick is drawn, [x, y] from -1 to 1; null while nobody holds it
+let followed = "";    // the direction and speed of the jog of a stick
+let reading = false;
+
+/** Return the stick in the middle of the pad. */
+function stickOf() {
+  const made = Object.assign(document.createElement("button"), {type: "button", tabIndex: -1, title: t`Draw this to jog X and Y: the farther, the faster`});
+  made.className = "stick";
+  made.setAttribute("aria-label", made.title);
+  made.dataset.needs = "link control board free unlocked homed";
+  made.append(icon("move"));
+  let from = null;
+  made.addEventListener("pointerdown", event => {
+    made.setPointerCapture(event.pointerId);
+    from = [event.clientX, event.clientY];
+    stick = [0, 0];
+    readSticks();
+  });
+  made.addEventListener("pointermove", event => {
+    if (from === null) return;
+    const [x, y] = [(event.clientX - from[0]) / REACH, (from[1] - event.clientY) / REACH], length = Math.max(Math.hypot(x, y), 1);
+    stick = [x / length, y / length];
+    made.style.transform = `translate(${stick[0] * REACH / 2}px, ${-stick[1] * REACH / 2}px)`;
+  });
+  for (const kind of ["pointerup", "pointercancel", "lostpointercapture"]) made.addEventListener(kind, () => {
+    from = stick = null;
+    made.style.transform = "";
+    follow(null);
+  });
+  return made;
+}
+
+/** Return direction and speed of a stick; null in its middle. A step has its whole length along the axes, however far it is. */
+function drawn([x, y]) {
+  const length = Math.hypot(x, y);
+  if (length < DEAD) return null;
+  const count = step ? 8 : SECTORS, turn = 2 * Math.PI / count, angle = Math.round(Math.atan2(y, x) / turn) * turn;
+  const parts = [["x", Math.cos(angle)], ["y", Math.sin(angle)]].filter(([, part]) => Math.abs(part) > 1e-9);
+  const directions = Object.fromEntries(parts.map(([letter, part]) => [letter, step ? Math.sign(part) : part]));
+  return [directions, step ? 1 : Math.min(Math.ceil(length * BANDS), BANDS) / BANDS];
+}
+
+/** Return direction and speed of the gamepad while a shoulder button is held; null without. */
+function ofGamepad(pad) {
   const held = pad.buttons[4]?.pressed || pad.buttons[5]?.pressed, dead = 0.25;
-  const [x, y, z] = [pad.axes[0] ?? 0, -(pad.axes[1] ?? 0), -(pad.axes[3] ?? 0)].map(each => Math.abs(each) > dead ? each : 0);
-  // A step has its whole length, however far the stick is.
-  const directions = Object.fromEntries([["x", x], ["y", y], ["z", z]].filter(([letter, value]) => value && letter in machine.axes)
-    .map(([letter, value]) => [letter, Math.sign(value)]));
-  const signs = held ? Object.entries(directions).flat().join(" ") : "";
-  // Another direction begins when the machine is at rest: it never goes where the stick no longer points.
-  if (padActive && signs !== padActive) {
+  const values = [["x", pad.axes[0] ?? 0], ["y", -(pad.axes[1] ?? 0)], ["z", -(pad.axes[3] ?? 0)]].filter(([letter, value]) => Math.abs(value) > dead && letter in machine.axes);
+  return held && values.length ? [Object.fromEntries(values.map(([letter, value]) => [letter, Math.sign(value)])), 1] : null;
+}
+
+/** Jog as the sticks point, as long as somebody holds one, or there is a gamepad. */
+function readSticks() {
+  if (reading) return;
+  reading = true;
+  const read = () => {
+    const pad = [...navigator.getGamepads()].find(Boolean);
+    follow(stick !== null ? drawn(stick) : pad ? ofGamepad(pad) : null);
+    reading = stick !== null || Boolean(pad);
+    if (reading) requestAnimationFrame(read);
+  };
+  read();
+}
+
+/** Jog in a direction. Another one begins when the machine is at rest: it never goes where the stick no longer points. */
+function follow(wanted) {
+  const key = wanted === null ? "" : JSON.stringify(wanted);
+  if (followed && key !== followed) {
     release();
-    padActive = "";
-  } else if (signs && !padActive && jog === null && state.state !== "jogging") {
+    followed = "";
+  } else if (key && !followed && jog === null && state.state !== "jogging") {
     // A gamepad is read in the background as well: a stick moved for another window must not jog.
-    if (document.hasFocus()) press(directions);
-    padActive = signs;
+    if (document.hasFocus()) press(...wanted);
+    followed = key;
   }
-  requestAnimationFrame(readPad);
 }

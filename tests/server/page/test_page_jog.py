@@ -1,5 +1,7 @@
 """Jogs by touch and by gamepad: each ends on release, lost focus and a lost gamepad."""
 
+import math
+
 import pytest
 
 from tests.support.server.console_page import connect, enter, expect, open_part, take
@@ -136,6 +138,55 @@ def test_a_jog_by_touch_ends_with_the_focus(phone, finger, lost):
     moving(phone)
     phone.evaluate(LOST_FOCUS[lost])
     at_rest(phone)
+
+
+def drawn(phone, finger, angle, length=80.0):
+    """Draw the stick of the pad from its middle, px and degrees; return its middle."""
+    box = phone.locator("#pad .stick").bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    finger.press(phone.locator("#pad .stick"))
+    turn = math.radians(angle)
+    finger.slide(x + length * math.cos(turn), y - length * math.sin(turn))
+    return x, y
+
+
+def test_the_stick_of_the_pad_jogs_where_it_is_drawn(phone, finger):
+    middle = drawn(phone, finger, 30.0)
+    moving(phone)
+    moving(phone, "y")
+    finger.slide(*middle)
+    at_rest(phone)
+    x, y = (float(phone.inner_text(f"#machine-{axis}").replace("\u2212", "-")) for axis in "xy")
+    assert (y + 100.0) / (x + 100.0) == pytest.approx(math.tan(math.radians(30.0)), rel=0.1)
+    # It was never let go: another direction begins from rest.
+    finger.slide(middle[0], middle[1] + 60.0)
+    phone.wait_for_function(
+        "y => Number(document.getElementById('machine-y').innerText.replace('\u2212', '-')) < y",
+        arg=y,
+    )
+    finger.lift()
+    at_rest(phone)
+
+
+def test_the_stick_makes_one_step_each_time_that_it_is_drawn(phone, finger):
+    phone.get_by_label("10 mm").check()
+    drawn(phone, finger, 95.0)
+    expect(phone.locator("#machine-y")).to_have_text("\u221290.000")
+    phone.evaluate(FRAMES)
+    finger.lift()
+    at_rest(phone)
+    expect(phone.locator("#machine-y")).to_have_text("\u221290.000")
+    expect(phone.locator("#machine-x")).to_have_text("\u2212100.000")
+
+
+@pytest.mark.parametrize("lost", share([*LOST_FOCUS], ["the window"]))
+def test_a_jog_by_the_stick_of_the_pad_ends_with_the_focus(phone, finger, lost):
+    drawn(phone, finger, 180.0)
+    moving(phone)
+    phone.evaluate(LOST_FOCUS[lost])
+    at_rest(phone)
+    phone.evaluate(FRAMES)
+    expect(phone.locator("#state")).to_have_text("idle")
 
 
 @pytest.fixture
