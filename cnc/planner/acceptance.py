@@ -22,8 +22,8 @@ from cnc.planner.limits import Limits
 from cnc.planner.phases import cut_at_length, plan_to_rest
 from cnc.planner.work import Work
 
-INTERVAL = 4e-6
-"""s; computing time of an interval and of the plan over it."""
+PLANNED_INTERVAL = 0.2e-6
+"""s; computing time of a plan by its intervals."""
 
 ACCEPTED = 0.5 * TOLERANCE
 """Relative; an accepted plan may exceed a limit by this, where the audit allows twice as much."""
@@ -49,7 +49,7 @@ def accepted_plan(
         intervals = path.intervals(limits, start, goal)
         if v_start == 0.0:
             intervals = open_at_start(intervals)
-        work.left -= INTERVAL * len(intervals.end)
+        work.left -= PLANNED_INTERVAL * len(intervals.end)
         status, phases = plan_to_rest(start, intervals, v_start, limits, work=work)
         if status != PLANNED:
             return status, phases, intervals

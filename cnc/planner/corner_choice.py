@@ -33,7 +33,7 @@ from cnc.model.diagnostics import MotionLimitError
 from cnc.path.chunk import PathChunk
 from cnc.path.fit import Alternatives
 from cnc.path.kernels.curve import LINE, START, Pieces
-from cnc.planner.acceptance import INTERVAL, open_at_start
+from cnc.planner.acceptance import open_at_start
 from cnc.planner.audit import Audit
 from cnc.planner.corner_motions import CornerMotions
 from cnc.planner.corners import CornerBlending
@@ -47,7 +47,7 @@ from cnc.planner.known_path import KnownPath
 from cnc.planner.limits import Limits
 from cnc.planner.phases import plan_to_rest
 from cnc.planner.plan import joined_paths
-from cnc.planner.work import FIRST_OF_TRIALS, RATE_OF_TRIALS, Work
+from cnc.planner.work import FIRST_OF_TRIALS, INTERVAL, RATE_OF_TRIALS, Work
 
 SHORT = 25.0
 """In tolerances. Corners with longer legs have blends."""

@@ -33,6 +33,7 @@ from cnc.planner.kernels.stopping import FAR, NEAR_BY, shortest_ramp
 from cnc.planner.known_path import KnownPath, between, joined, lowered, rounding_of
 from cnc.planner.limits import Limits
 from cnc.planner.phases import (
+    BEFORE,
     NO_PHASES,
     end_of,
     first_rest,
@@ -507,7 +508,9 @@ def slower_plan(request: Request, slow_from: float) -> SlowerPlan | None:
         part = pace_wanted(plan[first:], ahead)
     if part >= KEPT:
         known = path.intervals(limits, s, request.goal)
-        legal, faster = refine(plan, lowered(known), limits.arrays, False, Work().left)
+        work = Work()
+        with work.ahead(BEFORE * float(plan["duration"].sum())):
+            legal, faster = refine(plan, lowered(known), limits.arrays, False, work.left)
         if legal and not exceeding_sections(path, faster, known):
             plan = faster
         return SlowerPlan(plan, steady_from(plan, 0), slow_from, slowing)

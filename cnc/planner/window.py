@@ -51,7 +51,7 @@ from cnc.planner.slowing import (
     slower_plan,
     time_before,
 )
-from cnc.planner.work import Work
+from cnc.planner.work import INTERVAL, Work
 
 # The plan of the window at present.
 
@@ -194,6 +194,7 @@ class Window:
             self._plan.slow_from, self._plan.slowing = -inf, self.limits
         section = self._path.add(path, previous, following)
         self._plan.arrived += len(section.intervals.end)
+        self._work.left -= INTERVAL * len(section.intervals.end)
 
     def prepared(self) -> bool:
         """Return whether there is something to send on.

@@ -29,6 +29,10 @@ FIRST_OF_TRIALS, RATE_OF_TRIALS = 0.25, 0.02
 """Those of the trials of two paths along the same moves, by the time of their motion."""
 
 
+INTERVAL = 4e-6
+"""s; computing time of an interval: of the path, and of the samples of it."""
+
+
 class Work:
     """The computing time that is left.
 

@@ -1,15 +1,24 @@
 """Searches take no more computing time than the motion allows, by the count of their steps."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from cnc.api import InlineProgram, from_text, plan
 from cnc.machine.models import Axis, Machine, PathLimits
-from cnc.planner import corner_choice, corner_motions, lookahead, phases
+from cnc.model.blocks import PathMode
+from cnc.path.chunk import PathChunk
+from cnc.planner import corner_choice, corner_motions, lookahead, phases, slowing
+from cnc.planner.acceptance import accepted_plan
+from cnc.planner.kernels.lookahead import START_TOO_FAST
+from cnc.planner.kernels.refine import refine
+from cnc.planner.known_path import KnownPath
+from cnc.planner.limits import Limits
 from cnc.planner.plan import PlanChunk
 from cnc.planner.work import FIRST, FIRST_OF_TRIALS, RATE, RATE_OF_TRIALS, Work
+from tests.support.planner.motions import lines, machine, path_of
 from tests.support.soak import share
 
 
@@ -40,6 +49,46 @@ def test_motion_that_is_not_under_way_is_a_loan():
         assert work.left[0] == 1.5
         work.left -= 1.2
     assert work.left[0] == pytest.approx(-0.7)
+
+
+def waves(length: float) -> tuple[KnownPath, int]:
+    """Return a path of waves so long, mm, and the number of its intervals."""
+    x = np.arange(0.0, length, 0.2)
+    points = np.stack((x, 0.3 * np.sin(x), 0.0 * x), axis=1)[1:]
+    blocks = [PathMode("t.nc", 1, "blend", 0.01), lines(points, 50.0)]
+    path = KnownPath(Limits.of(machine(axis=(1000.0, 20_000.0))))
+    for item in path_of(blocks):
+        assert isinstance(item, PathChunk)
+        path.add(item, None, None)
+    return path, sum(len(section.intervals.end) for section in path.sections)
+
+
+def test_a_try_to_plan_that_fails_costs_little():
+    """Behind a request they are many. Counted as searches, they left a plan 1.6 s behind."""
+    path, intervals = waves(60.0)
+    work = Work(1.0)
+    goal, _ = path.goal(0.0)
+    status, _, _ = accepted_plan(path, 0.0, goal, 500.0, work)
+    assert status == START_TOO_FAST
+    assert 1.0 - work.left[0] < 0.5e-6 * intervals
+
+
+def test_a_longer_plan_behind_a_request_is_refined_for_longer(monkeypatch):
+    allowed = []
+
+    def counted(*arguments):
+        allowed.append(float(arguments[4][0]))
+        return refine(*arguments)
+
+    monkeypatch.setattr(slowing, "refine", counted)
+    for length in (60.0, 240.0):
+        path, _ = waves(length)
+        goal, _ = path.goal(0.0)
+        _, plan, _ = accepted_plan(path, 0.0, goal, 0.0, Work())
+        seconds = float(plan["duration"].sum())
+        slower = path.under(replace(path.limits, feed_factor=0.999))
+        assert slowing.slower_plan(slowing.Request(slower, plan, 0.0, goal, True, False), 0.0)
+        assert allowed.pop() == pytest.approx(FIRST + phases.BEFORE * RATE * seconds, rel=1e-2)
 
 
 def test_the_accounts_allow_a_tenth_of_the_motion():
