@@ -104,11 +104,11 @@ class TableError(ValueError):
     """A mistake in an error table."""
 
 
-def read_error_table(file: Path) -> ErrorPoints:
-    """Return the rows of a file.
+def numbered_lines(file: Path) -> list[tuple[int, str]]:
+    """Return the lines of a table without comments, with their numbers; empty ones are left out.
 
     Raises:
-        TableError: The file is not readable, or a row is not as its heading says.
+        TableError: The file is not readable.
     """
     try:
         lines = file.read_text(encoding="utf-8-sig").splitlines()
@@ -116,9 +116,18 @@ def read_error_table(file: Path) -> ErrorPoints:
         reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
         raise TableError(f"{file} is not readable: {reason}") from None
     numbered = [(n, line.split("#", 1)[0].strip()) for n, line in enumerate(lines, start=1)]
-    rows = [(n, line) for n, line in numbered if line]
+    return [(n, line) for n, line in numbered if line]
+
+
+def read_error_table(file: Path) -> ErrorPoints:
+    """Return the rows of a file.
+
+    Raises:
+        TableError: The file is not readable, or a row is not as its heading says.
+    """
+    rows = numbered_lines(file)
     if file.suffix.lower() in LINUXCNC:
-        triples = [_numbers(file, n, line.replace(",", " ").split(), 3) for n, line in rows]
+        triples = [numbers_of_row(file, n, line.replace(",", " ").split(), 3) for n, line in rows]
         return tuple(ErrorPoint(at, up - at, down - at) for at, up, down in triples)
     heading = tuple(name.strip().lower() for name in next(csv.reader([rows[0][1]]))) if rows else ()
     if heading not in HEADINGS:
@@ -128,10 +137,10 @@ def read_error_table(file: Path) -> ErrorPoints:
             f"LinuxCNC's files end with {' or '.join(LINUXCNC)}"
         )
     cells = [(n, next(csv.reader([line]))) for n, line in rows[1:]]
-    return tuple(point(_numbers(file, n, row, len(heading))) for n, row in cells)
+    return tuple(point(numbers_of_row(file, n, row, len(heading))) for n, row in cells)
 
 
-def _numbers(file: Path, line: int, words: list[str], count: int) -> list[float]:
+def numbers_of_row(file: Path, line: int, words: list[str], count: int) -> list[float]:
     """Return the numbers of a row."""
     try:
         numbers = [float(word) for word in words]

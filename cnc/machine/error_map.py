@@ -22,7 +22,7 @@ import numpy as np
 from pydantic import BeforeValidator, InstanceOf, WithJsonSchema
 
 from cnc.kinematics.volume import Floats, Ints, Volume
-from cnc.machine.compensation import TableError
+from cnc.machine.compensation import TableError, numbered_lines, numbers_of_row
 
 HEADING = ("x", "y", "z", "dx", "dy", "dz")
 MOST_POINTS = 20_000
@@ -123,18 +123,12 @@ def read_error_map(file: Path) -> ErrorMap:
         TableError: The file is not readable, a row is not as the heading says, the points are no
             grid, or the errors are not those of a machine.
     """
-    try:
-        lines = file.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
-        raise TableError(f"{file} is not readable: {reason}") from None
-    numbered = [(n, line.split("#", 1)[0].strip()) for n, line in enumerate(lines, start=1)]
-    rows = [(n, next(csv.reader([line]))) for n, line in numbered if line]
+    rows = [(n, next(csv.reader([line]))) for n, line in numbered_lines(file)]
     if not rows or tuple(name.strip().lower() for name in rows[0][1]) != HEADING:
         raise TableError(f"the first line of {file.name} must be {','.join(HEADING)}")
     points: dict[tuple[float, ...], tuple[int, list[float]]] = {}
     for number, cells in rows[1:]:
-        values = _numbers(file, number, cells)
+        values = numbers_of_row(file, number, cells, len(HEADING))
         at = tuple(values[:3])
         if at in points:
             first = points[at][0]
@@ -146,16 +140,6 @@ def read_error_map(file: Path) -> ErrorMap:
     for fault in result.faults():
         raise TableError(fault)
     return result
-
-
-def _numbers(file: Path, line: int, words: list[str]) -> list[float]:
-    try:
-        numbers = [float(word) for word in words]
-    except ValueError:
-        numbers = []
-    if len(numbers) != len(HEADING) or not all(map(math.isfinite, numbers)):
-        raise TableError(f"line {line} of {file.name} must have {len(HEADING)} numbers")
-    return numbers
 
 
 def _of_points(points: dict[tuple[float, ...], tuple[int, list[float]]], name: str) -> ErrorMap:
