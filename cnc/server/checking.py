@@ -30,7 +30,7 @@ from cnc.model.diagnostics import CncError, Diagnostic, UsageError
 from cnc.model.operator_control import Control
 from cnc.operate.events import Finding
 from cnc.report.models import finding_of
-from cnc.server.library import Library
+from cnc.server.library import Library, Version, version_of
 from cnc.server.project import settings_of
 from cnc.session.context import Callbacks
 from cnc.session.options import Outputs, RunOptions
@@ -102,26 +102,41 @@ def prepare() -> None:
     """Do nothing: a process that is given this has imported what a check needs."""
 
 
-def check_job(order: CheckOrder) -> dict[str, Any]:
-    """Check a job; write its summary and its toolpath into the library; return the summary."""
+def check_job(order: CheckOrder) -> dict[str, Any] | None:
+    """Check a job; write its summary and its toolpath into the library; return the summary.
+
+    None, and nothing written, if the text was changed meanwhile: the result is that of another
+    program.
+    """
     library = Library(order.library)
-    library.path(order.name)
+    file = library.path(order.name)
+    text = version_of(file)
     # Findings name the job, not the folder of this computer.
     with chdir(library.folder), tempfile.TemporaryDirectory(prefix="cnc-check-") as folder:
         machine, drawn = order.machine_in(Path(folder)), Path(folder) / "path.json"
         warp = None if order.height_map is None else str(library.height_map_file(order.height_map))
         options = RunOptions(outputs=Outputs(picture=str(drawn)), height_map=warp)
-        job = settings_of(library.path(order.name), machine, options)
+        job = settings_of(file, machine, options)
         report = Session(Path(order.name), machine, job.options).run()
         summary = report.as_json()
         summary["errors"] += [
             finding_of(finding).model_dump(exclude_unset=True) for finding in job.findings
         ]
+        if not _is(file, text):
+            return None
         library.forget_check(order.name)
         if drawn.exists():
             put(drawn.read_bytes(), library.own(order.name, "path.json"))
         put(json.dumps(summary).encode(), library.own(order.name, "check.json"))
+    if not _is(file, text):
+        # It was changed while this was written.
+        library.forget_check(order.name)
+        return None
     return summary
+
+
+def _is(file: Path, text: Version) -> bool:
+    return file.is_file() and version_of(file) == text
 
 
 def sketch_job(order: CheckOrder) -> bool:

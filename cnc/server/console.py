@@ -16,7 +16,7 @@ from concurrent.futures import BrokenExecutor, Future
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from cnc.machine.height_map import HeightMap, save_height_map
 from cnc.machine.load import with_stock
@@ -41,7 +41,7 @@ from cnc.server.checking import (
     sketch_job,
     typed_findings,
 )
-from cnc.server.library import OWN, Library, Run, TextLines, checked
+from cnc.server.library import OWN, Library, Run, TextLines, Version, checked, version_of
 from cnc.server.project import settings_of
 from cnc.session.options import RunOptions
 from cnc.session.repairs import Place
@@ -246,6 +246,13 @@ def _stamp(file: Path) -> tuple[int, int, int]:
     return status.st_ino, status.st_mtime_ns, status.st_size
 
 
+class _Check(NamedTuple):
+    """The last check of a job and a height map, and the text that it reads."""
+
+    text: Version
+    future: Future[dict[str, Any] | None]
+
+
 class Console:
     """What the requests share.
 
@@ -263,7 +270,7 @@ class Console:
         self.hub = Hub()
         self.control = ControlOfMachine(self._control_changed)
         self._checker: Checker | None = None
-        self._checking: dict[tuple[str, str | None], Future[dict[str, Any]]] = {}
+        self._checking: dict[tuple[str, str | None], _Check] = {}
         self._texts: dict[str, TextLines] = {}
         self._run: _Run | None = None
         self._asked: _Run | None = None
@@ -299,26 +306,26 @@ class Console:
                 self._texts[name] = text
         return text
 
-    def check(self, name: str, height_map: str | None = None) -> Future[dict[str, Any]]:
+    def check(self, name: str, height_map: str | None = None) -> Future[dict[str, Any] | None]:
         """Begin a check, or return the one under way.
 
         Args:
             name: The job.
             height_map: Name of the height map that warps it; None for none.
         """
-        self.library.path(name)
+        text = version_of(self.library.path(name))
         if height_map is not None:
             self.library.height_map_file(height_map)
         with self._lock:
             running = self._checking.get((name, height_map))
-            if running is not None and not running.done():
-                return running
+            if running is not None and running.text == text and not running.future.done():
+                return running.future
             order = replace(self._order(name), height_map=height_map)
             if self.library.path(name).stat().st_size >= SKETCHED:
                 sketched = self._workers().sketches.submit(sketch_job, order)
                 sketched.add_done_callback(lambda done: self._sketched(name, done))
             future = self._workers().pool.submit(check_job, order)
-            self._checking[name, height_map] = future
+            self._checking[name, height_map] = _Check(text, future)
         future.add_done_callback(lambda done: self._checked(name, done))
         return future
 
@@ -465,7 +472,7 @@ class Console:
         elif not done.exception() and done.result():
             self.hub.publish_object({"event": "job-sketched", "time": time.time(), "name": name})
 
-    def _checked(self, name: str, done: Future[dict[str, Any]]) -> None:
+    def _checked(self, name: str, done: Future[dict[str, Any] | None]) -> None:
         if self._closing or done.cancelled():
             return
         error = done.exception()
@@ -473,7 +480,10 @@ class Console:
             # The next check begins with a new process.
             with self._lock:
                 self._checker = None
-        summary: dict[str, Any] = {} if error else done.result()
+        found = {} if error else done.result()
+        if found is None:
+            return  # The text was changed meanwhile, and its own check follows.
+        summary: dict[str, Any] = found
         if error is not None:
             message = error.diagnostic.message if isinstance(error, CncError) else str(error)
             finding = Finding(code="check-failed", message=f"{name} was not checked: {message}")

@@ -55,6 +55,15 @@ RESULTS = ("check.json", "path.json", "sketch.json", "part.json", "stl")
 """Files about a job that a change of its text makes wrong."""
 
 
+Version = tuple[int, int, int]
+
+
+def version_of(file: Path) -> Version:
+    """Return what is another one when the text of a job is: inode, time of the change, size."""
+    found = file.stat()
+    return found.st_ino, found.st_mtime_ns, found.st_size
+
+
 class Run(BaseModel):
     """A line of the history. The file has one at the beginning of a run and one at its end.
 
@@ -143,12 +152,13 @@ class Library:
         if file.is_symlink() or file.is_dir():
             message, hint = f"{name} is no file of the library", "choose another name"
             raise UsageError(Diagnostic("job-name", message, hint=hint))
-        self.forget_check(name)
         try:
             os.replace(draft, file)
         except OSError as error:
             message = f"{name} cannot be written: {error.strerror}"
             raise UsageError(Diagnostic("can-not-write", message, hint="is it in use?")) from error
+        # Behind the change: a check that ends now sees it, or has written what is removed here.
+        self.forget_check(name)
         return file
 
     def remove(self, name: str) -> None:

@@ -7,7 +7,10 @@ import signal
 import subprocess
 import sys
 
-from tests.support.waiting import wait_until
+from cnc.machine.load import load_machine
+from cnc.server import checking
+from cnc.server.checking import CheckOrder, check_job
+from tests.support.waiting import HANG, wait_until
 
 SERVER = """
 import os, sys, time
@@ -50,3 +53,39 @@ def test_a_check_does_not_delay_the_end_of_the_server(tmp_path):
     with server:
         assert server.wait(timeout=60) == 0
     wait_until(lambda: not lives(worker))
+
+
+def test_a_text_that_is_changed_during_its_check_gets_one_of_its_own(controller, console):
+    """The result of the old text would stand for the new one, which was never checked."""
+    long = "G21 G90 G94 F100\n" + "G1 X1\nG1 X0\n" * 20_000 + "M30\n"
+    assert controller("PUT", "/api/jobs/part.nc", {"text": long}).status_code == 200
+    old = console.check("part.nc")
+    assert console.check("part.nc") is old
+    assert controller("PUT", "/api/jobs/part.nc", {"text": "G21\nG1 X5\nM30\n"}).status_code == 200
+    new = console.check("part.nc")
+    assert new is not old
+    assert not new.result(HANG)["ok"]
+    assert codes(controller) == ["feed-missing"]
+
+
+def codes(client):
+    wait_until(lambda: client("GET", "/api/jobs/part.nc/check").status_code == 200)
+    return [found["code"] for found in client("GET", "/api/jobs/part.nc/check").json()["errors"]]
+
+
+def test_the_result_of_a_text_that_has_changed_is_not_kept(library, monkeypatch):
+    file = library.folder / "changed.nc"
+    file.write_text("G21 G90 G94 F100\nG1 X5\nM30\n")
+    found = checking.settings_of
+
+    def changed(*arguments):
+        file.write_text("G21 G90 G94 F100\nG1 X55\nM30\n")
+        return found(*arguments)
+
+    monkeypatch.setattr(checking, "settings_of", changed)
+    order = CheckOrder(file.name, library.folder, load_machine(None), {})
+    assert check_job(order) is None
+    assert library.summary(file.name) is None
+    monkeypatch.undo()
+    assert check_job(order)["ok"]
+    assert library.summary(file.name)["ok"]
