@@ -201,7 +201,7 @@ def test_a_stretch_with_too_many_cells_is_refined_as_far_as_its_time_allows(seed
 
 
 def test_corners_of_micrometres_in_five_axes_have_few_intervals(monkeypatch, tmp_path):
-    """Cut for twice the speed at which they are crossed they were 229 000; the motion is the same."""
+    """Cut for twice the speed at which they are crossed they were 229 000, for the same motion."""
     cut = []
 
     def counted(*arguments):
