@@ -136,6 +136,10 @@ PROGRAMS |= {
         "G75 X36. I1. F0.2",
         ["line 19 2 F120", "rapid 19.5 2", "line 18 2 F120", "rapid 20 2"],
     ),
+    "G75 of one groove with an increment of 0 along Z": (
+        "G75 X36. Z2. P1000 Q0 F0.2",
+        ["line 19 2 F120", "rapid 19.5 2", "line 18 2 F120", "rapid 20 2"],
+    ),
     "G76 in one line": (
         "G76 X38. Z-20. K1. D1. F1.5",
         ["overrides false false", "rapid 19 2", "sync 1.5", "line 19 -20 F900", "sync 0"]
@@ -341,6 +345,7 @@ ERRORS = [
     ("surface-speed-active", "G96 S100\nG32 Z-10. F1.", "G97"),
     ("cycle-retract-below-bottom", "G83 Z10. R1. Q1000 F0.1", "smaller"),
     ("axis-not-allowed", "G83 Z-10. C5. F0.1", "does not move"),
+    ("value-out-of-range", "G75 X36. Z-1. P1000 Q0 F0.2", "more than 0"),
 ]
 
 
@@ -353,6 +358,29 @@ def test_errors_of_a_lathe(code: str, source: str, words: str) -> None:
     assert words in f"{found.message} {found.hint}"
     assert found.line > 0
     assert found.column > 0
+
+
+@pytest.mark.parametrize(
+    ("source", "expected"),
+    [
+        (
+            "G83 Z-3. R1. F0.2\nX30. C90.\nH90.\nG80",
+            ["rapid 20 2 0", "rapid 20 1 0", "line 20 -3 0 F120", "rapid 20 2 0"]
+            + ["rapid 15 2 90", "rapid 15 1 90", "line 15 -3 90 F120", "rapid 15 2 90"]
+            + ["rapid 15 2 180", "rapid 15 1 180", "line 15 -3 180 F120", "rapid 15 2 180"],
+        ),
+        (
+            "G87 X36. Z1. C45. R1. F0.2",
+            ["rapid 20 2 0", "rapid 20 1 45", "rapid 19 1 45", "line 18 1 45 F120"]
+            + ["rapid 20 1 45"],
+        ),
+    ],
+)
+def test_holes_lie_round_the_axis_by_c(source: str, expected: list[str]) -> None:
+    """FANUC, "Canned cycle for drilling": the hole is at X and C, or at Z and C of a side hole."""
+    rules = dialects.load("fanuc", lathe="A")
+    found = block_summaries(START + source + "\nM30", dialect=rules, axes=("x", "z", "c"))
+    assert [line for line in found if line.split()[0] in ("rapid", "line")] == expected
 
 
 def test_roughing_leaves_the_rounds_and_chamfers_of_the_profile() -> None:

@@ -76,7 +76,7 @@ class TurningHoles(Executor):
         name = at.written
         along_x = cycle.code in self._dialect.turning.tap_side
         refuse_modes(motion, state, name, at)
-        refuse_axes(words, name, "XZ")
+        refuse_axes(words, name, "XZC" if "C" in motion.column else "XZ")
         plane = CyclePlane(motion, state, "YZ" if along_x else "XY")
         plane.needs(plane.across, name, at)
         if code:
@@ -90,7 +90,8 @@ class TurningHoles(Executor):
                 self._words[letter] = word
         repeats = words.take("K", name) or words.take("L", name)
         values = motion.axis_values(words, name)
-        end = plane.seen(motion.coordinates.to_program(motion.reached(values, motion.position)))
+        reached = motion.reached(values, motion.position)
+        end = plane.seen(motion.coordinates.to_program(reached))
         if motion.column[plane.across] in values:
             self._bottom = end[2]
         hole = self._hole(end, motion.scales[motion.column[plane.across]], at)
@@ -101,6 +102,12 @@ class TurningHoles(Executor):
         place = plane.place((end[0], end[1], hole.bottom))
         settings = settings._replace(feed=motion.feed(words, place, 0.0, at))
         count = whole(repeats, "the repeats", 1, MOST_PECKS) if repeats else 1
+        if (turned := motion.column.get("C")) in values:
+            # The main spindle turns to the place of the hole together with the other axis.
+            over = plane.place((end[0], end[1], plane.start[2]))
+            over[turned] = reached[turned]
+            motion.traverse(over)
+            plane = CyclePlane(motion, state, "YZ" if along_x else "XY")
         made = steps(base, plane.start, [hole] * count, settings, state.turning)
         self._runner.perform(made, plane)
 
@@ -339,11 +346,12 @@ class TurningCycles(Executor):
             settings.retract = not_negative(retract, "the retract") * self._state.scale
             return
         moves.check(at)
-        steps = self._increments(words, at)
-        relief = words.take("R", at.written)
         z0, x0 = moves.place
+        increments = self._taken_increments(words, at)
+        relief = words.take("R", at.written)
         given = moves.given(words, at.written)
         z, x = given.get("Z", z0), given.get("X", x0)
+        steps = self._lengths(increments, {"X": x - x0, "Z": z - z0})
         step, side_step = (steps["Z"], steps["X"]) if along_z else (steps["X"], steps["Z"])
         line = (z0, z) if along_z else (x0, x)
         side = (x0, x) if along_z else (z0, z)
@@ -385,16 +393,26 @@ class TurningCycles(Executor):
             place += shift
         moves.rapid(*point(start, place))
 
-    def _increments(self, words: LineWords, at: Word) -> dict[str, float | None]:
+    def _taken_increments(self, words: LineWords, at: Word) -> dict[str, Word | None]:
         """Increments in X (radius) and Z: P and Q; I and K of Haas and of Series 10/11."""
         with_p = self._dialect.turning.two_line_cycles and words.rest.keys().isdisjoint("IK")
         letters = {"X": "P", "Z": "Q"} if with_p else {"X": "I", "Z": "K"}
-        increments: dict[str, float | None] = {}
-        for axis, letter in letters.items():
-            word = words.take(letter, at.written)
-            unit = self._dialect.turning.integer_unit if letter in "PQ" else 1.0
-            increments[axis] = self.moves.length(word, unit) if word else None
-        return increments
+        return {axis: words.take(letter, at.written) for axis, letter in letters.items()}
+
+    def _lengths(
+        self, increments: dict[str, Word | None], ways: dict[str, float]
+    ) -> dict[str, float | None]:
+        """Return the increments in mm; 0 is none along an axis without a way.
+
+        Source: FANUC, alarm PS0062: an increment of 0 is illegal where the axis has a way.
+        """
+        lengths: dict[str, float | None] = {}
+        for axis, word in increments.items():
+            lengths[axis] = None
+            if word and (word.number or ways[axis]):
+                unit = self._dialect.turning.integer_unit if word.letter in "PQ" else 1.0
+                lengths[axis] = self.moves.length(word, unit)
+        return lengths
 
 
 def _stations(start: float, end: float, step: float | None, at: Word) -> Iterator[float]:
