@@ -210,9 +210,15 @@ class Orient(Block):
 
 @canonical
 class SpindleSync(Block):
-    """From here on moves follow the spindle by ``pitch`` mm per turn; 0 ends this."""
+    """From here on moves follow the spindle: the time of the plan is the angle of the spindle.
+
+    Attributes:
+        pitch: mm per turn at the start of the first move; 0 ends this.
+        angle: Angle of the spindle at which the first move begins, degrees from its index.
+    """
 
     pitch: float
+    angle: float = 0.0
 
 
 @canonical

@@ -153,7 +153,10 @@ _FIELDS: dict[
             "timeout": block.timeout,
         },
     ),
-    canon.SpindleSync: ("spindle-sync", lambda block, _: {"pitch": block.pitch}),
+    canon.SpindleSync: (
+        "spindle-sync",
+        lambda block, _: {"pitch": block.pitch} | ({"angle": block.angle} if block.angle else {}),
+    ),
     canon.Coolant: ("coolant", lambda block, _: {"mist": block.mist, "flood": block.flood}),
     canon.Tool: (
         lambda block: "tool" if block.change else "tool-in-spindle",

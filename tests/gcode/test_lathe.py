@@ -14,7 +14,7 @@ from cnc.gcode.core.modal_groups import ReadingPolicy
 from cnc.gcode.core.tool_table import ToolEntry, ToolTable
 from cnc.gcode.dialects.recognition import lathe_dialect, recognise, refuse, refuse_lathe
 from cnc.machine.load import load_machine
-from cnc.model.blocks import End, Polyline, Spindle
+from cnc.model.blocks import End, Polyline, Spindle, SpindleSync
 from cnc.model.diagnostics import Diagnostic, GcodeError
 from tests.support.corpus import programs
 from tests.support.gcode.gcode_cases import block_summaries, error_of, run
@@ -75,6 +75,17 @@ PROGRAMS: dict[str, tuple[str, list[str]]] = {
     ),
     "G32 with a start angle of 0": ("G32 Z-20. F2. Q0", ["sync 2", "line 20 -20 F1200", "sync 0"]),
     "G32": ("G32 Z-20. F2.", ["sync 2", "line 20 -20 F1200", "sync 0"]),
+    "G32 with a start angle, which counts once": (
+        "G32 Z-20. F2. Q180000\nG0 Z2.\nG32 Z-20. F2.",
+        ["sync 2 180", "line 20 -20 F1200", "sync 0", "rapid 20 2"]
+        + ["sync 2", "line 20 -20 F1200", "sync 0"],
+    ),
+    "G92 with a start angle, which counts once": (
+        "G92 X38. Z-20. F1.5 Q90000\nX37.",
+        ["rapid 19 2", "sync 1.5 90", "line 19 -20 F900", "sync 0", "rapid 20 -20", "rapid 20 2"]
+        + ["rapid 18.5 2", "sync 1.5", "line 18.5 -20 F900", "sync 0"]
+        + ["rapid 20 -20", "rapid 20 2"],
+    ),
     "G32 in several lines": (
         "G32 Z-20. F2.\nX48. Z-24.\nG0 X60.",
         ["sync 2", "line 20 -20 F1200", "line 24 -24 F1697.056275", "sync 0", "rapid 30 -24"],
@@ -139,6 +150,11 @@ PROGRAMS |= {
     "G75 of one groove with an increment of 0 along Z": (
         "G75 X36. Z2. P1000 Q0 F0.2",
         ["line 19 2 F120", "rapid 19.5 2", "line 18 2 F120", "rapid 20 2"],
+    ),
+    "G76 in one line with a start angle": (
+        "G76 X38. Z-20. K1. D1. F1.5 Q60000",
+        ["overrides false false", "rapid 19 2", "sync 1.5 60", "line 19 -20 F900", "sync 0"]
+        + ["rapid 20 -20", "rapid 20 2", "overrides true true"],
     ),
     "G76 in one line": (
         "G76 X38. Z-20. K1. D1. F1.5",
@@ -338,10 +354,11 @@ ERRORS = [
     ("thread-start", "G76 P010060 Q100 R0.\nG76 X39. Z-9. P1000 Q300 F1.", "clear"),
     ("thread-length", "G76 P010060 Q100 R0.\nG76 X30. Z2. P1000 Q300 F1.", "no length"),
     ("pitch-missing", "G98 G32 Z-10.", "give F"),
-    ("code-not-supported", "G32 Z-10. F1. Q180000", "farther back"),
-    ("code-not-supported", "G92 X28. Z-10. F1. Q180000", "farther back"),
-    ("code-not-supported", "G76 X28. Z-10. K1. D0.3 F2. Q60000", "farther back"),
-    ("code-not-supported", "G34 Z-10. F1. K0.1", "variable lead"),
+    ("value-out-of-range", "G32 Z-10. F1. Q180.", "Q180000"),
+    ("value-out-of-range", "G92 X28. Z-10. F1. Q360001", "start angle"),
+    ("pitch-missing", "G34 Z-10. F1.", "give K"),
+    ("thread-lead", "G34 Z-10. F2. K-0.2", "falls to 0"),
+    ("thread-lead", "G34 Z-3000. F1. K0.001", "1250 turns"),
     ("surface-speed-active", "G96 S100\nG32 Z-10. F1.", "G97"),
     ("cycle-retract-below-bottom", "G83 Z10. R1. Q1000 F0.1", "smaller"),
     ("axis-not-allowed", "G83 Z-10. C5. F0.1", "does not move"),
@@ -358,6 +375,49 @@ def test_errors_of_a_lathe(code: str, source: str, words: str) -> None:
     assert words in f"{found.message} {found.hint}"
     assert found.line > 0
     assert found.column > 0
+
+
+LEADS = [
+    ("fanuc", "A", "G34 Z-38. F2. K0.5", 2.0, 0.5, 0.0),
+    ("fanuc", "A", "G34 Z-26. F4. K-0.25 Q90000", 4.0, -0.25, 90.0),
+    ("fanuc", "B", "G34 X60. Z-38. F2. K0.5", 2.0, 0.5, 0.0),
+    ("siemens", "A", "G34 Z-38 K2 F0.5 SF=120", 2.0, 0.5, 120.0),
+    ("siemens", "A", "G35 Z-26 K4 F0.25", 4.0, -0.25, 0.0),
+]
+
+
+@pytest.mark.parametrize(("dialect", "system", "line", "lead", "change", "angle"), LEADS)
+def test_the_lead_changes_by_k_each_turn(
+    dialect: str, system: str, line: str, lead: float, change: float, angle: float
+) -> None:
+    """After t seconds at 10 turns a second the way along Z is 10 lead t + change (10 t)**2 / 2."""
+    start = "G21 G97 S600 M3\nG0 X40. Z2.\n" if dialect == "fanuc" else "G97 S600 M3\nG0 X40 Z2\n"
+    siemens = {"lathe": True} if dialect == "siemens" else {}
+    rules = dialects.load(dialect, lathe=None if siemens else system)  # type: ignore[arg-type]
+    blocks = run(start + line + "\nM30", dialect=rules, axes=("x", "z"), **siemens)
+    (begin, _) = (block for block in blocks if isinstance(block, SpindleSync))
+    assert begin.angle == angle
+    cuts = [block for block in blocks if isinstance(block, Polyline)]
+    points = np.concatenate([cut.points for cut in cuts])[1:]
+    moves = list(zip(points.tolist(), np.concatenate([cut.feeds for cut in cuts])[1:], strict=True))
+    here, time, ways = np.array([20.0, 2.0]), 0.0, []
+    for end, feed in moves:
+        time += math.dist(here, end) / feed
+        here = np.array(end)
+        turn = 10.0 * time
+        ways.append((2.0 - end[1], lead * turn + change * turn**2 / 2.0))
+        # Between two points the lead is constant: the way leaves the thread by less than this.
+        assert abs(change) / (8 * 8**2) < 0.001
+    assert ways[-1][0] == 2.0 - moves[-1][0][1]
+    np.testing.assert_allclose(*zip(*ways, strict=True), atol=1e-9)
+    scale = 1.0 if "X" not in line else math.hypot(40.0, 10.0) / 40.0
+    assert begin.pitch == pytest.approx(lead * scale)
+    turns = (math.sqrt(lead**2 + 2.0 * change * ways[-1][0]) - lead) / change
+    assert len(moves) == math.ceil(8 * turns)
+
+
+def test_a_start_angle_inside_of_a_thread_has_a_warning() -> None:
+    assert warnings_of("G32 Z-20. F2.\nX48. Z-24. Q90000") == ["word-idle"]
 
 
 @pytest.mark.parametrize(

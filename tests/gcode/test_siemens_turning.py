@@ -53,6 +53,11 @@ THREADS = {
         "G33 Z-20 K1.5",
         ["sync 1.5", "line 20 -20 F900", "sync 0"],
     ),
+    "two starts": (
+        "G33 Z-20 K4\nG0 Z5\nG33 Z-20 K4 SF=180",
+        ["sync 4", "line 20 -20 F2400", "sync 0", "rapid 20 5"]
+        + ["sync 4 180", "line 20 -20 F2400", "sync 0"],
+    ),
     "along X": ("G33 X60 I2", ["sync 2", "line 30 5 F1200", "sync 0"]),
     "on a cone, further lines without a stop": (
         "G33 Z-5 X44 K2 SF=0\nZ-15 K2\nG0 X50",
@@ -77,7 +82,10 @@ def test_the_lead_counts_along_the_axis_that_moves_farther(name: str) -> None:
         ("G33 Z-20 I1.5", "pitch-missing"),
         ("G33 Z-20", "pitch-missing"),
         ("G33 Z-20 K0", "value-out-of-range"),
-        ("G33 Z-20 K1 SF=90", "code-not-supported"),
+        ("G33 Z-20 K1 SF=360", "value-out-of-range"),
+        ("G1 Z-20 F0.2 SF=90", "word-unused"),
+        ("G34 Z-20 K1", "pitch-missing"),
+        ("G35 Z-20 K1 F0.05", "thread-lead"),
         ("G96 S100\nG33 Z-20 K1", "surface-speed-active"),
         ("M5\nG33 Z-20 K1", "spindle-stopped"),
         ("TRANSMIT", "axis-missing"),

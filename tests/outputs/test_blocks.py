@@ -113,6 +113,7 @@ def test_a_nurbs_has_its_full_definition():
             {"kind": "orient", "angle": 90.0, "direction": "ccw", "timeout": 2.0},
         ),
         (SpindleSync(*AT, 1.5), {"kind": "spindle-sync", "pitch": 1.5}),
+        (SpindleSync(*AT, 2.0, 90.0), {"kind": "spindle-sync", "pitch": 2.0, "angle": 90.0}),
         (
             Overrides(*AT, feed=True, spindle=False, adaptive_feed=False, feed_stop=True),
             {

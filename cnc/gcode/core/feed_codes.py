@@ -13,7 +13,7 @@ from cnc.gcode.core.motion import Motion, MotionCodes
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.reader.statements import Remark, Statement
 from cnc.gcode.reader.words import AXES, G, LineWords, Word, fault
-from cnc.gcode.turning.codes import THREADS
+from cnc.gcode.turning.codes import THREADS, VARIABLE
 from cnc.model.diagnostics import Edit, Fix, GcodeError
 from cnc.model.units import MM_PER_INCH
 
@@ -72,11 +72,11 @@ class FeedCodes(MotionCodes):
     def feed(self, words: LineWords, codes: Codes) -> None:
         """Execute F. In inverse time mode the move of the line uses it instead.
 
-        On a lathe F of a thread is its lead, which the thread takes.
+        On a lathe F of a thread is its lead, or the change of it, which the thread takes.
         """
         if "F" not in words.rest or self._is_dwell_time(codes):
             return
-        if self._dialect.turning.lathe and self.moving in THREADS:
+        if self.moving in (THREADS if self._dialect.turning.lathe else VARIABLE):
             return
         state = self._state
         if state.feed_mode == "inverse-time":

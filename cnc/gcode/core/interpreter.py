@@ -375,7 +375,7 @@ class Interpreter:
             assert self.virtual_axis is not None
             self.virtual_axis.check(words, codes)
         moving = self.feed_codes.moving = self.motion.check(words, codes)
-        if self.turning_cycles is not None and moving != G.G33:
+        if self.turning_cycles is not None and moving not in turning.FOLLOWING:
             self.turning_cycles.moves.end_follow()
         explicit = codes.get("motion")
         if len(codes) == (explicit is not None):

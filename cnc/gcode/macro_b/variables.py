@@ -87,7 +87,7 @@ def feed_word(state: ModalState) -> float:
     )
 
 
-_LAST_PLAIN = G.G33
+_LAST_PLAIN = G.G34
 """Higher motion codes are cycles, which are a group of their own."""
 _PLANE_CODES = {plane: code.code for code, plane in PLANES.items()}
 _FEED_CODES = {mode: code.code for code, mode in FEED_MODES.items()}

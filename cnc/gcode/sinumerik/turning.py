@@ -24,7 +24,7 @@ from cnc.gcode.sinumerik.flow import how_it_begins, labelled, subprogram
 from cnc.gcode.sinumerik.grooves import Groove, Undercut
 from cnc.gcode.turning.codes import MOST_PASSES
 from cnc.gcode.turning.cycles import TurningCycles
-from cnc.gcode.turning.moves import TurningMoves
+from cnc.gcode.turning.moves import Helix, TurningMoves
 from cnc.gcode.turning.profiles import (
     MOST_LINES,
     ProfileCycles,
@@ -466,7 +466,7 @@ class _Threads:
         here = begin.z, begin.x
         moves.rapid(*here)
         for z, x, lead in parts:
-            threads.follow(here, (z, x), lead, turns)
+            threads.follow(here, (z, x), Helix(lead, turns))
             here = z, x
         moves.end_follow()
         moves.rapid(here[0], clear)

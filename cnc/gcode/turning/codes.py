@@ -19,7 +19,11 @@ from cnc.gcode.dialects import Dialect
 from cnc.gcode.reader.words import G, LineWords, Word, fault, whole
 from cnc.model.blocks import Tool
 
-THREADS = (G.G33, G.G76, G.G78)
+VARIABLE = (G.G34, G.G35)
+"""Threads of variable lead."""
+FOLLOWING = (G.G33, *VARIABLE)
+"""Threads of which further lines go on without a stop."""
+THREADS = (*FOLLOWING, G.G76, G.G78)
 """Threads, of which F is the lead."""
 _OWN_WORDS = (G.G4, G.G70, G.G71, G.G72, G.G73)
 """Codes that take U and W with a meaning of their own."""

@@ -31,7 +31,7 @@ from cnc.gcode.core.motion import Handler, Motion
 from cnc.gcode.kernels.cycles import ROUNDING, Hole, HoleSettings, peck_count
 from cnc.gcode.reader.words import G, LineWords, Word, fault, not_negative, positive, whole
 from cnc.gcode.turning import threads
-from cnc.gcode.turning.codes import MOST_PASSES
+from cnc.gcode.turning.codes import FOLLOWING, MOST_PASSES
 from cnc.gcode.turning.moves import TurningMoves
 
 # Drilling cycles of lathes: G83 to G85 along Z, G87 to G89 along X, and Haas' G81, G82, G86.
@@ -203,9 +203,10 @@ def register(motion: Motion, compensation: CompensationCodes) -> TurningCycles:
 
 
 def register_thread(motion: Motion) -> TurningCycles:
-    """Register SINUMERIK's G33, and return the cycles, which have its moves."""
+    """Register SINUMERIK's G33 to G35, and return the cycles, which have its moves."""
     cycles = TurningCycles(TurningMoves(motion))
-    motion.handlers[G.G33] = threads.TurningThreads(cycles.moves).move
+    move = threads.TurningThreads(cycles.moves).move
+    motion.handlers |= dict.fromkeys(FOLLOWING, move)
     return cycles
 
 

@@ -2,13 +2,48 @@
 
 from __future__ import annotations
 
+import math
 from contextlib import AbstractContextManager, nullcontext
+from typing import NamedTuple
 
 from cnc.gcode.core.compensation_codes import CompensationCodes
 from cnc.gcode.core.cycle_runner import refuse_modes
 from cnc.gcode.core.motion import Motion
 from cnc.gcode.reader.words import LineWords, Word, fault, positive
 from cnc.model.blocks import SpindleSync
+
+PIECES = 8
+"""Pieces in which a turn of a thread of variable lead is cut; the lead is constant in each.
+
+A piece leaves the thread by at most change / (8 * PIECES**2).
+"""
+
+
+class Helix(NamedTuple):
+    """How a thread follows the spindle.
+
+    Attributes:
+        lead: mm a turn at its start.
+        turns: Turns of the spindle a second.
+        angle: Angle of the spindle at which it begins, degrees.
+        change: Change of the lead, mm a turn each turn.
+    """
+
+    lead: float
+    turns: float
+    angle: float = 0.0
+    change: float = 0.0
+
+    def scaled(self, scale: float) -> Helix:
+        """Return the thread with other lengths."""
+        return self._replace(lead=self.lead * scale, change=self.change * scale)
+
+    def number(self, length: float) -> float:
+        """Return the turns in a length; NaN if the lead falls to 0 before."""
+        if not self.change:
+            return length / self.lead
+        last = self.lead * self.lead + 2.0 * self.change * length
+        return (math.sqrt(last) - self.lead) / self.change if last > 0.0 else math.nan
 
 
 class TurningMoves:
@@ -120,17 +155,36 @@ class TurningMoves:
             motion = self.motion
             motion.feed_to(end, motion.feed(LineWords(), end, motion.distance(end), at))
 
-    def follow(self, z: float, x: float, pitch: float, turns_per_second: float) -> None:
-        """Cut straight to a point with ``pitch`` mm a turn of the spindle along the move.
+    @property
+    def follows(self) -> bool:
+        """Whether the moves follow the spindle now."""
+        return self._follows
+
+    def follow(self, z: float, x: float, helix: Helix) -> None:
+        """Cut straight to a point; the lengths of the thread are those along the move.
 
         Further moves go on from the one before: a stop between them would cut a groove.
         """
         end = self.end(z, x)
-        if end != self.motion.position:
-            if not self._follows:
-                self.out.add(SpindleSync(self.here.file, self.here.line, pitch))
-            self._follows = True
-            self.motion.feed_to(end, pitch * turns_per_second)
+        if end == self.motion.position:
+            return
+        if not self._follows:
+            here = self.here
+            self.out.add(SpindleSync(here.file, here.line, helix.lead, helix.angle))
+        self._follows = True
+        if not helix.change:
+            self.motion.feed_to(end, helix.lead * helix.turns)
+            return
+        z0, x0 = self.place
+        length = math.hypot(z - z0, x - x0)
+        number = helix.number(length)
+        count = math.ceil(number * PIECES)
+        rate, share = helix.turns * count / number, 0.0
+        for piece in range(1, count + 1):
+            turn, before = number * piece / count, share
+            share = turn * (helix.lead + helix.change * turn / 2.0) / length
+            to = self.end(z0 + share * (z - z0), x0 + share * (x - x0)) if piece < count else end
+            self.motion.feed_to(to, (share - before) * length * rate)
 
     def end_follow(self) -> None:
         """End the motion that follows the spindle, if there is one."""

@@ -1,10 +1,10 @@
-"""Threads of lathes in FANUC's language: G32 (G33), G92 (G78) and G76.
+"""Threads of lathes in FANUC's language: G32 (G33), G34, G92 (G78) and G76.
 
 F is the lead, measured along the axis that moves farther. The spindle must turn at a constant speed
 (G97). Threads have no chamfer at their end unless G76 gives one. In pass n of G76 the tool is
 ``first * sqrt(n)`` deep, by at least ``least`` deeper than before, and moves along the flank: the
 area of the chip is constant. The last passes take the finishing allowance, which is part of the
-height. Source: FANUC, "Operator's Manual for Lathe System", "Thread cutting" and "Multiple
+height. G34 changes the lead by K each turn. Source: FANUC, "Operator's Manual for Lathe System", "Thread cutting" and "Multiple
 threading cycle"; Haas, "Lathe Operator's Manual", G76.
 """
 
@@ -35,8 +35,8 @@ from cnc.gcode.core.modal_groups import Code, Feed, Turning
 from cnc.gcode.core.motion import Handler, Motion, MotionCodes
 from cnc.gcode.kernels.cycles import ROUNDING
 from cnc.gcode.reader.words import G, LineWords, Word, fault, not_negative, positive, whole
-from cnc.gcode.turning.codes import MOST_PASSES
-from cnc.gcode.turning.moves import TurningMoves
+from cnc.gcode.turning.codes import MOST_PASSES, VARIABLE
+from cnc.gcode.turning.moves import PIECES, Helix, TurningMoves
 
 WIDEST = 120.0
 """Largest angle of a thread, degrees."""
@@ -111,6 +111,7 @@ def register(moves: TurningMoves, once: Callable[[Handler], Handler]) -> None:
     threads = TurningThreads(moves)
     moves.motion.handlers |= {
         G.G33: threads.move,
+        G.G34: threads.move,
         G.G76: once(threads.cycle),
         G.G78: threads.single,
     }
@@ -135,7 +136,7 @@ class TurningThreads(Executor):
     # One move, one pass
 
     def move(self, words: LineWords, code: Code | None) -> None:
-        """Execute G33 (G32 of system A): one move that follows the spindle.
+        """Execute G33 (G32 of system A), G34 or G35: one move that follows the spindle.
 
         The next line with such a move goes on without a stop; any other line ends the thread.
         """
@@ -144,14 +145,23 @@ class TurningThreads(Executor):
         moves.check(at)
         if not words.has_axis():
             raise fault("axis-words-missing", f"{at.written} needs X or Z", at)
-        self._take_angle(words, at)
-        turns, here = turns_per_second(self.context, at.written, at), moves.place
-        lead = None if self._dialect.flavour == "siemens" else self._lead_of(words, at)
+        siemens, here = self._dialect.flavour == "siemens", moves.place
+        turns = turns_per_second(self.context, at.written, at)
+        angle = self._offset_angle(words) if siemens else self._take_angle(words, at)
+        lead = None if siemens else self._lead_of(words, at)
+        change = self._change(words, "F" if siemens else "K", at)
         given = moves.given(words, at.written)
         end = given.get("Z", here[0]), given.get("X", here[1])
         if lead is None:
             lead = self._lead_along(words, abs(end[0] - here[0]) >= abs(end[1] - here[1]), at)
-        self.follow(here, end, lead, turns)
+        helix = Helix(lead, turns, angle, change)
+        farther = max(abs(end[0] - here[0]), abs(end[1] - here[1]))
+        if math.isnan(number := helix.number(farther)) or number * PIECES > MOST_PASSES:
+            message = f"{at.written}: the lead falls to 0 before the end of the thread"
+            if number == number:
+                message = f"{at.written} has more than {MOST_PASSES // PIECES} turns"
+            raise fault("thread-lead", message, at, "change the lead less from turn to turn")
+        self.follow(here, end, helix)
 
     def single(self, words: LineWords, code: Code | None) -> None:
         """Execute G78 (G92 of system A): in, one pass, out and back. R is the taper."""
@@ -161,7 +171,7 @@ class TurningThreads(Executor):
         if code:
             staying.clear()
         moves.take_taper(words, "I")
-        self._take_angle(words, at)
+        angle = self._take_angle(words, at)
         lead, turns = self._lead_of(words, at), turns_per_second(self.context, at.written, at)
         if taper := words.take("R", at.written):
             staying["R"] = taper.number * self._state.scale
@@ -174,33 +184,65 @@ class TurningThreads(Executor):
         first = z0, x + staying.get("R", 0.0)
         with self.context.exact_path():
             moves.rapid(*first)
-            self.follow(first, (z, x), lead, turns)
+            self.follow(first, (z, x), Helix(lead, turns, angle))
             moves.end_follow()
             moves.rapid(z, x0)
             moves.rapid(z0, x0)
 
-    @staticmethod
-    def _take_angle(words: LineWords, at: Word) -> None:
-        """Take Q, the start angle: the motion begins at no certain angle of the spindle.
+    def _take_angle(self, words: LineWords, at: Word) -> float:
+        """Take Q, the start angle in thousandths of a degree; it counts in its own line only.
+
+        Source: FANUC, "Operator's Manual for Lathe System", "Multiple thread cutting".
 
         Raises:
-            GcodeError: ``code-not-supported``: it is not 0.
+            GcodeError: ``value-out-of-range``, ``number-not-whole``.
         """
         word = words.take("Q", at.written)
-        if word is not None and word.number != 0.0:
-            message = f"{word.written}: a start angle of a thread is not supported"
-            hint = (
-                "begin this start farther back along the thread: by half the lead for 180 degrees"
-            )
-            raise fault("code-not-supported", message, word, hint)
+        if word is None:
+            return 0.0
+        if "." in word.written:
+            message = f"{word.written}: a start angle has no decimal point"
+            hint = f"it counts thousandths of a degree: Q{1000.0 * word.number:.0f}"
+            raise fault("value-out-of-range", message, word, hint)
+        return self._new_start(word, whole(word, "the start angle", 0, 360_000) / 1000.0)
 
-    def follow(
-        self, here: tuple[float, float], to: tuple[float, float], lead: float, turns: float
-    ) -> None:
+    def _offset_angle(self, words: LineWords) -> float:
+        """Take SF, the start angle in degrees; it counts in its own line only.
+
+        Source: Siemens, "SINUMERIK 840D sl/828D Programming Manual, Fundamentals", "Thread cutting
+        with constant lead (G33)".
+        """
+        word = words.take("SF", "G33")
+        if word is None:
+            return 0.0
+        if not 0.0 <= word.number < 360.0:
+            message = f"SF={word.number:g}: a start angle is from 0 to 359.999 degrees"
+            raise fault("value-out-of-range", message, word)
+        return self._new_start(word, word.number)
+
+    def _new_start(self, word: Word, angle: float) -> float:
+        """Return the angle; a warning tells that it has no effect where a thread goes on."""
+        if angle and self._moves.follows:
+            message = f"{word.written} has no effect: the thread goes on from the line before"
+            self._here.report_warning("word-idle", message, word, "remove it")
+        return angle
+
+    def _change(self, words: LineWords, letter: str, at: Word) -> float:
+        """Take the change of the lead from turn to turn, mm: K of G34, F of SINUMERIK's."""
+        if self._state.motion not in VARIABLE:
+            return 0.0
+        word = words.take(letter, at.written)
+        if word is None:
+            hint = f"give {letter} and the change of the lead from turn to turn"
+            raise fault("pitch-missing", f"{at.written} needs {letter}", at, hint)
+        change = (positive(word, "the change") if letter == "F" else word.number) * self._state.scale
+        return -change if self._state.motion == G.G35 else change
+
+    def follow(self, here: tuple[float, float], to: tuple[float, float], helix: Helix) -> None:
         """Cut to a point; the lead counts along the axis that moves farther."""
         z, x = abs(to[0] - here[0]), abs(to[1] - here[1])
         if longer := max(z, x):
-            self._moves.follow(*to, lead * math.hypot(z, x) / longer, turns)
+            self._moves.follow(*to, helix.scaled(math.hypot(z, x) / longer))
 
     def _lead_of(self, words: LineWords, at: Word) -> float:
         """F or E, or the last lead, mm a turn. Under G99 F stays in effect as the feed."""
@@ -242,6 +284,7 @@ class TurningThreads(Executor):
         moves = self._moves
         moves.check(at)
         lead, turns = self._lead_of(words, at), turns_per_second(self.context, at.written, at)
+        helix = Helix(lead, turns, self._cycle_angle(words, at))
         thread = self._thread(words, at, lead)
         for count, _ in enumerate(thread.depths()):
             if count > MOST_PASSES:
@@ -250,10 +293,15 @@ class TurningThreads(Executor):
         with self.context.exact_path():
             self.context.add_overrides(feed=False, spindle=False)
             for depth in thread.depths():
-                self._pass(thread, depth, lead, turns)
+                self._pass(thread, depth, helix)
             self.context.add_overrides()
 
-    def _pass(self, thread: Thread, depth: float, lead: float, turns: float) -> None:
+    def _cycle_angle(self, words: LineWords, at: Word) -> float:
+        """The start angle of the cycle in one line; in two lines Q is the first depth."""
+        two_lines = self._dialect.turning.two_line_cycles and "K" not in words.rest
+        return 0.0 if two_lines else self._take_angle(words, at)
+
+    def _pass(self, thread: Thread, depth: float, helix: Helix) -> None:
         moves, inward = self._moves, thread.inward
         (z0, x0), (z, x) = thread.start, thread.end
         ahead = math.copysign(1.0, z - z0)
@@ -272,11 +320,11 @@ class TurningThreads(Executor):
                 begin[1] + part * (end[1] - begin[1]),
             )
             out = min(thread.chamfer, abs(corner[1] - x0))
-            self.follow(begin, corner, lead, turns)
+            self.follow(begin, corner, helix)
             end = z, corner[1] - inward * out
-            self.follow(corner, end, lead, turns)
+            self.follow(corner, end, helix)
         else:
-            self.follow(begin, end, lead, turns)
+            self.follow(begin, end, helix)
         moves.end_follow()
         moves.rapid(z, x0)
         moves.rapid(z0, x0)
@@ -325,7 +373,6 @@ class TurningThreads(Executor):
             if way is not None and way.whole != 1:
                 message = f"{way.written} of {at.written}: only the infeed P1 is made"
                 raise fault("code-not-supported", message, way, "remove it, or write P1")
-            self._take_angle(words, at)
             angle, finishing, chamfer = tip.number if tip else 0.0, 1, 0.0
             if tip:
                 self._check_angle(tip, angle)
@@ -555,7 +602,7 @@ FASTEST = 100.0
 def register_threading(motion: Motion, performer: CycleRunner) -> None:
     """Register the handlers of G33, G33.1 and, where the dialect has it as a thread, G76."""
     cycles = ThreadingCycles(motion, performer)
-    motion.handlers[FOLLOW] = motion.handlers[TAP] = cycles.move
+    motion.handlers |= dict.fromkeys((FOLLOW, TAP, *VARIABLE), cycles.move)
     if not motion.context.dialect.cycles.fine_boring:
         motion.handlers[THREAD] = cycles.thread
 
@@ -575,7 +622,7 @@ class ThreadingCycles(MotionCodes):
         at = code.word if code else words.first()
         if self._dialect.flavour == "siemens":
             hint = 'set kind = "lathe" under [machine] of the machine file'
-            raise fault("code-not-supported", f"{name} (thread) is not supported", at, hint)
+            raise fault("code-not-supported", f"{at.written} (thread) is not supported", at, hint)
         refuse_modes(motion, state, name, at, inverse_time=False)
         if not words.has_axis():
             raise fault(

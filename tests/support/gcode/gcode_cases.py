@@ -95,7 +95,7 @@ def rows(blocks: list[Block]) -> Iterator[Row]:
             case Overrides():
                 yield ("overrides", block.feed, block.spindle)
             case SpindleSync():
-                yield ("sync", block.pitch)
+                yield ("sync", block.pitch, *([block.angle] if block.angle else []))
             case Orient():
                 yield ("orient", block.angle)
             case Probe():
