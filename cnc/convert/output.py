@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from cnc.convert.curves import Curve, Spline
 from cnc.convert.target import Target, number, without_comments
+from cnc.convert.turning import TurningState
 from cnc.gcode.core.line_trace import ExecutedLines
 from cnc.gcode.core.modal_groups import PLANES
 from cnc.gcode.reader.words import G
@@ -57,6 +58,7 @@ class Output:
         state: State of the control.
         shift: Its G92 (axes,), mm.
         tool: Its tool offset (axes,), mm.
+        turning: Its state that only lathes need.
     """
 
     def __init__(self, target: Target, axes: tuple[str, ...], start: NDArray[np.float64]) -> None:
@@ -68,6 +70,7 @@ class Output:
         self.state = ControlState()
         self.shift: tuple[float, ...] = (0.0,) * len(axes)
         self.tool: tuple[float, ...] = (0.0,) * len(axes)
+        self.turning = TurningState()
 
     def zero(self, mark: ExecutedLines) -> NDArray[np.float64]:
         """Return the machine position of the control's program zero (axes,)."""
@@ -79,6 +82,8 @@ class Output:
         if axis in ROTARY_LETTERS:
             return number(value, MM_DIGITS)
         scale = self.state.scale
+        if axis == "x" and self.turning.diameter:
+            value *= 2.0
         return number(value / scale, MM_DIGITS if scale == 1.0 else INCH_DIGITS)
 
     def straight(
@@ -103,6 +108,9 @@ class Output:
                 words.append(axis.upper() + there)
         if not words:
             return
+        if self.turning.pitch:
+            self._follow(mark, end, words)
+            return
         code = G.G0 if math.isnan(feed) else G.G1
         if in_machine:
             if G.G53 not in self.target.rules.g:
@@ -113,12 +121,42 @@ class Output:
             words.insert(0, f"G{code.code:g}")
             self.state.motion = code
         if code == G.G1:
-            words += self.feed_words(feed)
+            words += self.feed_words(feed, self._radius(zero, end))
         self.put(" ".join(words))
         self.position = end
 
-    def feed_words(self, feed: float) -> list[str]:
-        """Return the word of a feed, mm/s, where it is not in effect."""
+    def _follow(self, mark: ExecutedLines, end: NDArray[np.float64], words: list[str]) -> None:
+        """Write a move that follows the spindle."""
+        turning = self.turning
+        if turning.is_cut:
+            hint = "write the thread as one move in each pass, without a chamfer at its end"
+            raise self.cannot(mark, "a thread in several moves begins anew with each", hint)
+        pitch = number(turning.pitch / self.state.scale, 9)
+        self.put(" ".join(["G33", *words, f"K{pitch}"]))
+        turning.is_cut, self.state.motion, self.position = True, UNKNOWN, end
+
+    def _radius(self, zero: NDArray[np.float64], end: NDArray[np.float64]) -> float:
+        """Return the largest radius of a move to a position, mm."""
+        if "x" not in self.axes:
+            return 0.0
+        column = self.axes.index("x")
+        return float(max(abs(place[column] - zero[column]) for place in (self.position, end)))
+
+    def feed_words(self, feed: float, radius: float = 0.0) -> list[str]:
+        """Return the word of a feed, mm/s, where it is not in effect.
+
+        Args:
+            feed: The feed.
+            radius: Largest radius of the move, mm, on which a feed per revolution depends.
+        """
+        if self.state.feed_mode == "per-revolution":
+            a_turn = self.turning.feed_per_turn(feed, radius)
+            assert a_turn is not None
+            text = number(a_turn / self.state.scale, 6)
+            if self.state.feed == text:
+                return []
+            self.state.feed = text
+            return [f"F{text}"]
         per_minute = feed * 60.0 / self.state.scale
         if self.state.feed == per_minute:
             return []
@@ -144,10 +182,11 @@ class Output:
         for axis, center in zip(plane, curve.center, strict=True):
             column = self.axes.index(axis)
             written = float(self.number(axis, float(here[column] - zero[column])))
+            written /= 2.0 if axis == "x" and self.turning.diameter else 1.0
             at = (center - zero[column]) / self.state.scale - written
             digits = MM_DIGITS if self.state.scale == 1.0 else INCH_DIGITS
             words.append(_CENTER[axis] + number(at, digits))
-        words += self.feed_words(feed)
+        words += self.feed_words(feed, self._radius(zero, curve.end))
         self.state.motion = code
         self.put(" ".join(words))
         self.position = curve.end

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from cnc.convert import turning
 from cnc.convert.curves import FitTo
 from cnc.convert.proof import (
     Differs,
@@ -121,9 +122,9 @@ def convert(
         CncError: A fault of the program; ``convert-cannot`` for what the control does not have;
             ``convert-differs`` if no text of the same motion was found.
     """
-    if machine.kind == "lathe":
-        hint = "convert programs of mills, lasers and routers"
-        message = "programs of lathes are not converted yet"
+    if machine.kind == "lathe" and to != turning.TARGET:
+        hint = f"convert it to {turning.TARGET}"
+        message = f"programs of lathes are not converted to {to}"
         raise UsageError(Diagnostic("convert-lathe", message, hint=hint))
     name = display_name(program)
     with readable_file(program) as path:
@@ -150,7 +151,7 @@ class _Conversion:
         self._known: ProgramReader | None = None
         self._known = self._reader(path, self._dialect, 0, {})
         source = self._known.rules()
-        self._target = Target(dialects.load(to), source)
+        self._target = Target(dialects.load(to), source, is_lathe=machine.kind == "lathe")
         self._to = to
         if fit.curves == "nurbs" and not self._target.spline:
             message = f"{to} has no NURBS"

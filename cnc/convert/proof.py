@@ -51,6 +51,8 @@ SAME = 1e-3
 """mm. Largest distance of moves that are the same."""
 SAME_FEED, SAME_SPEED, SAME_TIME = 1e-5, 1e-5, 1e-3
 """Largest relative differences of feeds and speeds; seconds of dwells."""
+SAME_PITCH = 1e-8
+"""mm. Largest difference of the pitches of threads."""
 SPACING = 0.02
 """mm between points on curves, of which the distance is measured."""
 
@@ -125,6 +127,7 @@ class _Cursor:
         self._elements = Elements(start).of(blocks)
         self._target = target
         self._path: tuple[str, float] | None = None
+        self._spindle: list[object] = []
         self.position = start
         self.curves = 0
         self.current: Block | None = None
@@ -146,6 +149,10 @@ class _Cursor:
             tolerance = element.tolerance if "P" in rules.path_words else 0.0
             self._path = element.control, tolerance
             return self._path != before
+        if isinstance(element, Spindle) and self._target.is_lathe:
+            # A turret leaves the spindle as it is, and so does a start at the speed that it has.
+            before, self._spindle = self._spindle, _values(element)
+            return self._spindle != before
         if isinstance(element, End):
             return bool(self._target.ends())
         if isinstance(element, Overrides):
@@ -207,6 +214,7 @@ def distance(
     worst = of_regions = 0.0
     ahead = iter(regions)
     region = next(ahead, None)
+    turning: Spindle | None = None
     while one.current is not None:
         if region is not None and one.curves == region.first and size(one.current):
             of_regions = max(of_regions, _region(one, other, region, axes))
@@ -223,13 +231,32 @@ def distance(
             places = one.current, other.current
             if one.coolant() != other.coolant():
                 raise Differs(*places, "the coolant differs")
+        elif target.is_lathe and isinstance(one.current, Tool) and isinstance(other.current, Spindle):
+            _change_with_stop(one, other, turning, target)
         else:
+            if isinstance(one.current, Spindle):
+                turning = one.current
             worst = max(worst, _single(one.take(), other.take(), target, axes))
     while other.current is not None:
         if not isinstance(other.current, End):
             raise Differs(None, other.current, "the result does more")
         other.take()
     return worst, of_regions
+
+
+def _change_with_stop(
+    one: _Cursor, other: _Cursor, turning: Spindle | None, target: Target
+) -> None:
+    """Compare the turn of a turret with a change that stops the spindle and starts it again."""
+    tool, first = one.take(), other.take()
+    assert isinstance(first, Spindle)
+    wanted = (tool, turning)
+    for block in wanted:
+        current = other.current
+        if first.state != "off" or block is None or current is None:
+            raise Differs(tool, first, f"{type(tool).__name__} became {type(first).__name__}")
+        if not _same_action(block, other.take(), target):
+            raise Differs(tool, current, "the spindle differs behind the change of the tool")
 
 
 def _straights(one: _Cursor, other: _Cursor, most: int | None) -> float:
@@ -303,11 +330,12 @@ def _same_action(a: Block, b: Block, target: Target) -> bool:
             )
         case (Overrides(), Overrides()):
             return (a.feed, a.spindle) == (b.feed, b.spindle)
+        case SpindleSync(), SpindleSync():
+            return a.angle == b.angle and math.isclose(a.pitch, b.pitch, abs_tol=SAME_PITCH)
         case BoardCommand(), BoardCommand():
             return a.text == b.text
         case (
             (Orient(), Orient())
-            | (SpindleSync(), SpindleSync())
             | (DigitalOutput(), DigitalOutput())
             | (AnalogOutput(), AnalogOutput())
             | (WaitInput(), WaitInput())

@@ -59,6 +59,7 @@ class Target:
     Attributes:
         rules: Its dialect.
         source: The dialect of the program.
+        is_lathe: Whether the machine is a lathe, where no line with code is kept.
         refused: Forms of lines that the proof has shown to mean something else here.
         takes_runs: Whether many plain lines may be taken as they are.
         compensates: Whether lines under cutter compensation may be taken as they are.
@@ -66,6 +67,7 @@ class Target:
 
     rules: Dialect
     source: Dialect
+    is_lathe: bool = False
     refused: set[tuple[str, ...]] = field(default_factory=set)
     takes_runs: bool = True
     compensates: bool = True
@@ -85,6 +87,8 @@ class Target:
         changed |= {number for letter, number in noted if letter == "G"}
         kept = common - _FLOW_G if self.same_family else common & shared
         self.same_flow = _FLOW.get(source.name, source.name) == _FLOW.get(rules.name, rules.name)
+        if self.is_lathe:
+            self.same_flow = self.takes_runs = False
         self.g = frozenset(code for code in kept if code.code not in changed)
         m = source.m & rules.m
         m = m - _FLOW_M if self.same_family else m & _SHARED_M
@@ -99,7 +103,7 @@ class Target:
         """Return whether each word of a line means the same here."""
         if statement.computed or statement.assignments or statement.control or statement.board:
             return False
-        if statement.percent or statement.remarks:
+        if statement.percent or statement.remarks or (self.is_lathe and statement.words):
             return False
         if statement.deletable and self.rules.name in ("grbl", "marlin"):
             return False

@@ -21,6 +21,7 @@ from cnc.convert.curves import Curve, FitTo, Spline, curves_of, splines_of
 from cnc.convert.elements import Elements, Straights, size
 from cnc.convert.output import PLANE_CODES, UNKNOWN, Output
 from cnc.convert.target import Target, comments, number, without_comments
+from cnc.convert.turning import spindle_words
 from cnc.gcode.core.line_trace import ExecutedLines, Offsets
 from cnc.gcode.core.modal_groups import PLAIN_MOTIONS, ModalState
 from cnc.gcode.reader.source_text import Window
@@ -42,6 +43,7 @@ from cnc.model.blocks import (
     PathMode,
     Probe,
     Spindle,
+    SpindleSync,
     Stop,
     Tool,
 )
@@ -368,6 +370,8 @@ class Writer:
                 at = head.end() if head else 0
                 text = text[:at] + code + text[at:]
         self._out.put_bytes(text)
+        if self.target.is_lathe:  # only lines without code are kept
+            return
         self._adopt(mark, words)
         if any(word.letter == "G" and word.tenths == 800 for word in words):
             self._out.state.motion = UNKNOWN
@@ -471,6 +475,8 @@ class Writer:
             self.notes.expanded += 1
         if len(elements) > 1 and statement is not None and not statement.control:
             self._out.put(self.target.comment(code))
+        if statement is not None and self.target.is_lathe:
+            self._out.turning.take_tool(statement, self.target.source, mark.modal.tool)
         if statement is not None and statement.words and statement.words[0].letter == "N":
             self._out.label = statement.words[0].written.encode() + b" "
         self._write_elements(mark, elements)
@@ -515,24 +521,51 @@ class Writer:
         """Bring about G90, the units and the offsets for moves that are written."""
         state, offsets, has = self._out.state, mark.offsets, self.target.rules.g
         scale = mark.modal.scale
-        words = []
+        words = self._turning_words(mark) if self.target.is_lathe else []
+        feed_mode = self._feed_mode(mark)
         if state.scale != scale and (G.G21 if scale == 1.0 else G.G20) in has:
             words.append("G21" if scale == 1.0 else "G20")
         if state.absolute is not True:
             words.append("G90")
-        if state.feed_mode != "per-minute" and G.G94 in has:
-            words.append("G94")
+        if state.feed_mode != feed_mode and G.G94 in has:
+            words.append(_FEED_CODES[feed_mode])
+            state.feed = UNKNOWN
         system = self._system_for(mark)
         if system != state.system and self.target.systems > 1:
             words.append(numbers.SYSTEMS[system])
-        state.scale, state.absolute, state.feed_mode = scale, True, "per-minute"
+        state.scale, state.absolute, state.feed_mode = scale, True, feed_mode
         state.system = system
         if words:
             self._out.put(" ".join(words))
         if offsets.origin != self._origins[offsets.system]:
             self._write_origin(mark)
-        if offsets.tool != self._out.tool and G.G43_1 in has:
+        if self.target.is_lathe:
+            self._write_turret_offset(mark)
+        elif offsets.tool != self._out.tool and G.G43_1 in has:
             self._write_tool_length(mark)
+
+    def _turning_words(self, mark: ExecutedLines) -> list[str]:
+        """Return G7 or G8 where the control does not have it."""
+        turning, diameter = self._out.turning, mark.modal.diameter
+        if turning.diameter == diameter:
+            return []
+        turning.diameter = diameter
+        return ["G7" if diameter else "G8"]
+
+    def _feed_mode(self, mark: ExecutedLines) -> str:
+        """Return the feed in which moves are written: per revolution on a lathe whose spindle turns."""
+        turns = self.target.is_lathe and self._out.turning.spindle is not None
+        per_turn = turns and mark.modal.feed_mode == "per-revolution"
+        return "per-revolution" if per_turn else "per-minute"
+
+    def _write_turret_offset(self, mark: ExecutedLines) -> None:
+        """Write the offset of the tool that the program has in effect."""
+        turning = self._out.turning
+        if turning.offset != turning.wanted:
+            self._out.put(f"G43 H{turning.wanted}" if turning.wanted else "G49")
+            text = "the offsets of tools are those of the tool table of the control (G43)"
+            self.notes.add("assumed", text, mark.line)
+        turning.offset, self._out.tool = turning.wanted, mark.offsets.tool
 
     def _system_for(self, mark: ExecutedLines) -> int:
         """Return the coordinate system for that of the program."""
@@ -730,13 +763,21 @@ class Writer:
                 self._out.put(self.target.dwell(seconds))
             case Spindle(state="off"):
                 self._out.put("M5")
+                self._out.turning.spindle = None
+            case Spindle(with_motion=False) if self.target.is_lathe:
+                self._write_spindle(mark, block)
+            case SpindleSync(pitch=pitch, angle=angle) if self.target.is_lathe:
+                if angle:
+                    hint = "begin it farther back by this share of the lead"
+                    raise self._out.cannot(mark, "a thread begins at the index of the spindle", hint)
+                self._out.turning.pitch, self._out.turning.is_cut = pitch, False
             case Spindle(surface_speed=0.0):
                 self._out.put(f"M{3 if block.state == 'cw' else 4} S{number(block.rpm, 3)}")
                 self._out.state.speed = block.rpm
             case Coolant():
                 self._write_coolant(block)
             case Tool(change=True):
-                self._write_tool(block)
+                self._write_tool(mark, block)
             case Stop(pallet=False):
                 self._out.put("M1" if block.optional and 1 in rules.m else "M0")
             case End():
@@ -748,6 +789,8 @@ class Writer:
                 self._out.put(f"(MSG, {text})" if is_active else self.target.comment(text))
             case PathMode():
                 self._write_path_mode(mark, block)
+            case Overrides(feed=feed, spindle=spindle) if self.target.is_lathe and feed == spindle:
+                self._out.put("M48" if feed else "M49")
             case Overrides():
                 text = "the operator may use the overrides"
                 self.notes.add("assumed", text, block.line)
@@ -757,6 +800,15 @@ class Writer:
                 self._out.put(text)
             case _:
                 raise self._out.cannot(mark, _NAMES.get(type(block), type(block).__name__), "")
+
+    def _write_spindle(self, mark: ExecutedLines, block: Spindle) -> None:
+        """Write the start of a lathe's spindle, of which a surface speed is in m/min or feet/min."""
+        scale = mark.modal.scale
+        if block.surface_speed and self._out.state.scale != scale:
+            self._out.put("G21" if scale == 1.0 else "G20")
+            self._out.state.scale = scale
+        self._out.put(spindle_words(block, scale))
+        self._out.turning.spindle = block
 
     def _write_coolant(self, block: Coolant) -> None:
         if (
@@ -772,9 +824,12 @@ class Writer:
             self._out.put("M8")
         self._mist, self._flood = block.mist, block.flood
 
-    def _write_tool(self, block: Tool) -> None:
+    def _write_tool(self, mark: ExecutedLines, block: Tool) -> None:
         if self.target.tool_change:
             self._out.put(f"T{block.number} M6")
+            if self._out.turning.spindle is not None:
+                # M6 stops the spindle, which goes on turning behind a turret.
+                self._write_spindle(mark, self._out.turning.spindle)
         else:
             self._out.put(self.target.comment(f"TOOL {block.number}"))
             self._out.put("M0")
