@@ -7,6 +7,7 @@ The writer and the proof count curves in this form, so that they mean the same o
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 
 import numpy as np
@@ -16,7 +17,7 @@ from cnc.model.blocks import ArcFeed, Block, NurbsFeed, Polyline, Probe, canonic
 from cnc.model.motion_commands import places_of
 
 NOTHING = 2e-5
-"""mm. A shorter straight move is none: numbers in programs are no finer."""
+"""mm. A shorter move is none: numbers in programs are no finer, and an arc would become a circle."""
 
 Floats = NDArray[np.float64]
 
@@ -60,16 +61,23 @@ class Elements:
         self.position = start
 
     def of(self, blocks: Iterable[Block]) -> Iterator[Block]:
-        """Yield Straights in place of polylines, and all other blocks as they are."""
+        """Yield Straights in place of polylines, and other blocks as they are but for tiny arcs."""
         for block in blocks:
             if isinstance(block, Polyline):
                 yield from self._moves(block)
+                continue
+            if isinstance(block, ArcFeed) and self._is_nothing(block):
                 continue
             if isinstance(block, ArcFeed | Probe):
                 self.position = block.end
             elif isinstance(block, NurbsFeed):
                 self.position = block.control_points[-1]
             yield block
+
+    def _is_nothing(self, arc: ArcFeed) -> bool:
+        """Whether an arc is shorter than any number in a program."""
+        ends = bool((np.abs(arc.end - self.position) < NOTHING).all())
+        return ends and abs(arc.turns) * math.tau * arc.radius < NOTHING
 
     def _moves(self, run: Polyline) -> Iterator[Block]:
         begin = 0

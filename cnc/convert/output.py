@@ -152,7 +152,10 @@ class Output:
         if self.state.feed_mode == "per-revolution":
             a_turn = self.turning.feed_per_turn(feed, radius)
             assert a_turn is not None
-            text = number(a_turn / self.state.scale, 6)
+            value = a_turn / self.state.scale
+            text = number(value, 6)
+            if not math.isclose(float(text), value, rel_tol=1e-6):
+                text = number(value, 10)
             if self.state.feed == text:
                 return []
             self.state.feed = text

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import tempfile
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -178,6 +178,13 @@ class _Conversion:
             reader.recognition, reader.evidence = self._known.recognition, self._known.evidence
         return reader
 
+    def _take_warning(self, warning: Diagnostic) -> None:
+        """Refuse a lathe's nose compensation with a radius of 0: the result would be without it."""
+        if warning.code == "compensation-radius-zero" and self._target.is_lathe:
+            message = "the radius of the nose is 0: the program would lose its compensation"
+            hint = "enter the tools in a tool table (tool_table under [program])"
+            raise GcodeError(replace(warning, code="convert-cannot", message=message, hint=hint))
+
     def run(self) -> Converted:
         """Write and prove until both programs are the same."""
         if self._target.same_flow and (whole := self._as_it_stands()) is not None:
@@ -185,7 +192,7 @@ class _Conversion:
         for _ in range(MOST_TRIALS):
             reader = self._reader(self._path, self._dialect, 0, made_up_offsets(0))
             writer = Writer(self._target, self._machine.axis_names, reader.start, self._fit)
-            writer.take(reader.traced_blocks(LineTrace(writer.bulk)))
+            writer.take(reader.traced_blocks(LineTrace(writer.bulk), self._take_warning))
             text = writer.text()
             try:
                 kept, of_curves = self._proved(writer, text)

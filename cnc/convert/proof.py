@@ -21,6 +21,7 @@ from cnc.compare.programs import Track, farthest, points_along
 from cnc.convert.elements import Elements, Straights, as_blocks, size
 from cnc.convert.target import Target
 from cnc.convert.writer import Region
+from cnc.gcode.core.coordinates import EXTERNAL
 from cnc.model import parameter_numbers as numbers
 from cnc.model.blocks import (
     PLANE_AXES,
@@ -109,7 +110,9 @@ def with_other_systems(
     for system, other in systems.items():
         first = _first(system if system < plain else 9 + system - plain)
         for axis in range(numbers.AXES_PER_PLACE):
-            result[numbers.origin(other) + axis] = values[first + axis]
+            # The basic system (G500) has no offset of its own.
+            value = 0.0 if system == EXTERNAL else values[first + axis]
+            result[numbers.origin(other) + axis] = value
     return result
 
 
@@ -128,6 +131,7 @@ class _Cursor:
         self._target = target
         self._path: tuple[str, float] | None = None
         self._spindle: list[object] = []
+        self._coolant: list[object] = []
         self.position = start
         self.curves = 0
         self.current: Block | None = None
@@ -149,6 +153,9 @@ class _Cursor:
             tolerance = element.tolerance if "P" in rules.path_words else 0.0
             self._path = element.control, tolerance
             return self._path != before
+        if isinstance(element, Coolant):
+            before, self._coolant = self._coolant, _values(element)
+            return self._coolant != before
         if isinstance(element, Spindle) and self._target.is_lathe:
             # A turret leaves the spindle as it is, and so does a start at the speed that it has.
             before, self._spindle = self._spindle, _values(element)

@@ -22,6 +22,7 @@ from cnc.convert.elements import Elements, Straights, size
 from cnc.convert.output import PLANE_CODES, UNKNOWN, Output
 from cnc.convert.target import Target, comments, number, without_comments
 from cnc.convert.turning import spindle_words
+from cnc.gcode.core.coordinates import EXTERNAL
 from cnc.gcode.core.line_trace import ExecutedLines, Offsets
 from cnc.gcode.core.modal_groups import PLAIN_MOTIONS, ModalState
 from cnc.gcode.reader.source_text import Window
@@ -291,7 +292,7 @@ class Writer:
 
     def _system(self, system: int) -> int | None:
         """Return the coordinate system for one of the program; None where there is none."""
-        plain = system < min(self.target.source.systems, self.target.systems)
+        plain = 0 <= system < min(self.target.source.systems, self.target.systems)
         return system if plain else self.systems.get(system)
 
     def _keeps(self, before: ExecutedLines, mark: ExecutedLines, elements: list[Block]) -> bool:
@@ -300,7 +301,8 @@ class Writer:
         if statement is None or not self.target.can_keep(statement):
             return False
         if not statement.words:
-            return not elements
+            text = mark.text.decode(errors="replace")
+            return not elements and not without_comments(text).strip()
         if modal.diameter or not self._is_written_alike(before, mark):
             return False
         cycle = modal.motion not in (None, *PLAIN_MOTIONS)
@@ -475,6 +477,9 @@ class Writer:
             self.notes.expanded += 1
         if len(elements) > 1 and statement is not None and not statement.control:
             self._out.put(self.target.comment(code))
+        if mark.is_open and self.target.is_lathe and mark.modal.compensation != G.G40:
+            text = "nose radius compensation is that of the radii in the tool table"
+            self.notes.add("assumed", text, mark.line)
         if statement is not None and self.target.is_lathe:
             self._out.turning.take_tool(statement, self.target.source, mark.modal.tool)
         if statement is not None and statement.words and statement.words[0].letter == "N":
@@ -504,7 +509,8 @@ class Writer:
             raise self._out.cannot(mark, "the spindle does not follow the feed: no tapping", hint)
 
     def _write_elements(self, mark: ExecutedLines, elements: list[Block]) -> None:
-        last = len(elements) - 1
+        moves = [k for k, element in enumerate(elements) if isinstance(element, Straights)]
+        last = moves[-1] if moves else -1
         for place, element in enumerate(elements):
             if isinstance(element, Straights):
                 self._write_moves(mark, element, is_last=place == last)
@@ -586,7 +592,10 @@ class Writer:
         source = self.target.source.systems
         name = f"G54.1 P{index - source + 1}" if index >= source else numbers.SYSTEMS[index]
         there = numbers.SYSTEMS[free[-1]] if self.target.systems > 1 else "the zero of the machine"
-        self.notes.add("assumed", f"{name} becomes {there}: enter its offset there", mark.line)
+        text = f"{name} becomes {there}: enter its offset there"
+        if index == EXTERNAL:
+            text = f"the basic system (G500) becomes {there}: its offset must be 0"
+        self.notes.add("assumed", text, mark.line)
         return free[-1]
 
     def _write_origin(self, mark: ExecutedLines) -> None:
