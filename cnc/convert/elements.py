@@ -17,7 +17,7 @@ from cnc.model.blocks import ArcFeed, Block, NurbsFeed, Polyline, Probe, canonic
 from cnc.model.motion_commands import places_of
 
 NOTHING = 2e-5
-"""mm. A shorter move is none: numbers in programs are no finer, and an arc would become a circle."""
+"""mm. A shorter move is none: numbers of programs are no finer; an arc would become a circle."""
 
 Floats = NDArray[np.float64]
 

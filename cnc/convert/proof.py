@@ -154,12 +154,12 @@ class _Cursor:
             self._path = element.control, tolerance
             return self._path != before
         if isinstance(element, Coolant):
-            before, self._coolant = self._coolant, _values(element)
-            return self._coolant != before
+            coolant, self._coolant = self._coolant, _values(element)
+            return self._coolant != coolant
         if isinstance(element, Spindle) and self._target.is_lathe:
             # A turret leaves the spindle as it is, and so does a start at the speed that it has.
-            before, self._spindle = self._spindle, _values(element)
-            return self._spindle != before
+            spindle, self._spindle = self._spindle, _values(element)
+            return self._spindle != spindle
         if isinstance(element, End):
             return bool(self._target.ends())
         if isinstance(element, Overrides):
@@ -238,7 +238,9 @@ def distance(
             places = one.current, other.current
             if one.coolant() != other.coolant():
                 raise Differs(*places, "the coolant differs")
-        elif target.is_lathe and isinstance(one.current, Tool) and isinstance(other.current, Spindle):
+        elif (
+            target.is_lathe and isinstance(one.current, Tool) and isinstance(other.current, Spindle)
+        ):
             _change_with_stop(one, other, turning, target)
         else:
             if isinstance(one.current, Spindle):

@@ -559,7 +559,7 @@ class Writer:
         return ["G7" if diameter else "G8"]
 
     def _feed_mode(self, mark: ExecutedLines) -> str:
-        """Return the feed in which moves are written: per revolution on a lathe whose spindle turns."""
+        """Return the feed of written moves: per revolution if a lathe's spindle turns."""
         turns = self.target.is_lathe and self._out.turning.spindle is not None
         per_turn = turns and mark.modal.feed_mode == "per-revolution"
         return "per-revolution" if per_turn else "per-minute"
@@ -767,19 +767,14 @@ class Writer:
     def _write_event(self, mark: ExecutedLines, block: Block) -> None:
         """Write an action."""
         rules = self.target.rules
+        if self.target.is_lathe and self._write_turning_event(mark, block):
+            return
         match block:
             case Dwell(seconds=seconds):
                 self._out.put(self.target.dwell(seconds))
             case Spindle(state="off"):
                 self._out.put("M5")
                 self._out.turning.spindle = None
-            case Spindle(with_motion=False) if self.target.is_lathe:
-                self._write_spindle(mark, block)
-            case SpindleSync(pitch=pitch, angle=angle) if self.target.is_lathe:
-                if angle:
-                    hint = "begin it farther back by this share of the lead"
-                    raise self._out.cannot(mark, "a thread begins at the index of the spindle", hint)
-                self._out.turning.pitch, self._out.turning.is_cut = pitch, False
             case Spindle(surface_speed=0.0):
                 self._out.put(f"M{3 if block.state == 'cw' else 4} S{number(block.rpm, 3)}")
                 self._out.state.speed = block.rpm
@@ -798,8 +793,6 @@ class Writer:
                 self._out.put(f"(MSG, {text})" if is_active else self.target.comment(text))
             case PathMode():
                 self._write_path_mode(mark, block)
-            case Overrides(feed=feed, spindle=spindle) if self.target.is_lathe and feed == spindle:
-                self._out.put("M48" if feed else "M49")
             case Overrides():
                 text = "the operator may use the overrides"
                 self.notes.add("assumed", text, block.line)
@@ -810,8 +803,25 @@ class Writer:
             case _:
                 raise self._out.cannot(mark, _NAMES.get(type(block), type(block).__name__), "")
 
+    def _write_turning_event(self, mark: ExecutedLines, block: Block) -> bool:
+        """Write an action that a lathe has in its own way, or return False."""
+        match block:
+            case Spindle(with_motion=False) if block.state != "off":
+                self._write_spindle(mark, block)
+            case SpindleSync(pitch=pitch, angle=angle):
+                if angle:
+                    text = "a thread begins at the index of the spindle"
+                    hint = "begin it farther back by this share of the lead"
+                    raise self._out.cannot(mark, text, hint)
+                self._out.turning.pitch, self._out.turning.is_cut = pitch, False
+            case Overrides(feed=feed, spindle=spindle) if feed == spindle:
+                self._out.put("M48" if feed else "M49")
+            case _:
+                return False
+        return True
+
     def _write_spindle(self, mark: ExecutedLines, block: Spindle) -> None:
-        """Write the start of a lathe's spindle, of which a surface speed is in m/min or feet/min."""
+        """Write the start of a lathe's spindle, a surface speed in m/min or feet/min."""
         scale = mark.modal.scale
         if block.surface_speed and self._out.state.scale != scale:
             self._out.put("G21" if scale == 1.0 else "G20")

@@ -97,6 +97,14 @@ def test_errors(source: str, code: str) -> None:
     assert caught.value.diagnostic.code == code
 
 
+def test_the_offset_of_a_tool_is_in_x_and_z() -> None:
+    """Siemens, "Tool Offsets": a turning tool has length 1 in X and length 2 in Z (G18)."""
+    tools = ToolTable([ToolEntry(1, 1, {"X": -12.0, "Z": -5.0}, 0.8, orientation=2)])
+    source = f"{START}T1 D1\nG0 X50 Z1\nD0\nG0 X60 Z1\nM30"
+    found = block_summaries(source, **{**LATHE, "tools": tools})
+    assert [line for line in found if "rapid" in line][1:] == ["rapid 13 -4", "rapid 30 1"]
+
+
 def test_a_tool_word_turns_the_turret() -> None:
     assert summaries("T1 D1\nT1 D1\nT2 D1") == ["tool 1", "tool 2"]
     assert summaries("T1\nM6\nT2 M6\nM3") == [

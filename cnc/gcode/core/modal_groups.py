@@ -35,8 +35,9 @@ _GROUPS: dict[str, tuple[G, ...]] = {
     "motion": (
         G.G12, G.G13,
         G.G0, G.G1, G.G2, G.G3, G.G5, G.G5_1, G.G5_2, G.G5_3, G.G6_2, G.BSPLINE, G.G33, G.G33_1,
-        G.G34, G.G35, G.G31, G.G38_2, G.G38_3, G.G38_4, G.G38_5, G.G73, G.G74, G.G76, G.G80, G.G81, G.G82, G.G83,
-        G.G84, G.G85, G.G86, G.G87, G.G88, G.G89, G.G70, G.G71, G.G72, G.G75, G.G77, G.G78, G.G79,
+        G.G34, G.G35, G.G31, G.G38_2, G.G38_3, G.G38_4, G.G38_5, G.G73, G.G74, G.G76, G.G80,
+        G.G81, G.G82, G.G83, G.G84, G.G85, G.G86, G.G87, G.G88, G.G89,
+        G.G70, G.G71, G.G72, G.G75, G.G77, G.G78, G.G79,
     ),
     "non-modal": (
         G.G4, G.G7_1, G.G10, G.G28, G.G28_1, G.G30, G.G30_1, G.G52, G.G53, G.G53_1, G.G65, G.G66,

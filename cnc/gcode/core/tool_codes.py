@@ -212,7 +212,8 @@ class ToolCodes(MotionCodes):
         if number == 0:
             return [0.0] * len(self.motion.axes)
         entry = self.entry(number, word or at)
-        letters = self._dialect.tools.length_axes
+        # On a lathe a tool has a length in X and one in Z.
+        letters = self._dialect.tools.length_axes + ("XZ" if self.context.policy.lathe else "")
         self._check_length(entry, word or at)
         return [
             entry.offset(axis) if axis in letters else 0.0

@@ -4,8 +4,8 @@ F is the lead, measured along the axis that moves farther. The spindle must turn
 (G97). Threads have no chamfer at their end unless G76 gives one. In pass n of G76 the tool is
 ``first * sqrt(n)`` deep, by at least ``least`` deeper than before, and moves along the flank: the
 area of the chip is constant. The last passes take the finishing allowance, which is part of the
-height. G34 changes the lead by K each turn. Source: FANUC, "Operator's Manual for Lathe System", "Thread cutting" and "Multiple
-threading cycle"; Haas, "Lathe Operator's Manual", G76.
+height. G34 changes the lead by K each turn. Source: FANUC, "Operator's Manual for Lathe System",
+"Thread cutting" and "Multiple threading cycle"; Haas, "Lathe Operator's Manual", G76.
 """
 
 from __future__ import annotations
@@ -235,7 +235,9 @@ class TurningThreads(Executor):
         if word is None:
             hint = f"give {letter} and the change of the lead from turn to turn"
             raise fault("pitch-missing", f"{at.written} needs {letter}", at, hint)
-        change = (positive(word, "the change") if letter == "F" else word.number) * self._state.scale
+        change = (
+            positive(word, "the change") if letter == "F" else word.number
+        ) * self._state.scale
         return -change if self._state.motion == G.G35 else change
 
     def follow(self, here: tuple[float, float], to: tuple[float, float], helix: Helix) -> None:
