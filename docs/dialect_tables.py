@@ -15,7 +15,7 @@ TOPICS = {
     "straight moves, arcs, pockets": "G0 G1 G2 G3 G9 G12 G13 G53 G53.1",
     "dwell, path": "G4 G61 G61.1 G64",
     "splines": "G5 G5.1 G5.2 G5.3 G6.2",
-    "spindle-synchronised": "G33 G33.1",
+    "spindle-synchronised": "G33 G33.1 G34 G35",
     "probes": "G31 G38.2 G38.3 G38.4 G38.5 M78 M79",
     "cycles, profiles, patterns of holes": "G70 G71 G72 G73 G74 G76 G80 G81 G82 G83 G84 G85 G86 "
     "G88 G89 G98 G99",
