@@ -179,7 +179,7 @@ def test_the_program_has_the_expected_blocks(case: Case) -> None:
 
 ROTARY = {"G7.1", "G43.4", "G43.5", "M428", "M429", "M430"}
 """Codes of machines with rotary axes, which have tests of their own."""
-OF_LATHES = {"siemens": {"G12.1", "G33"}}
+OF_LATHES = {"siemens": {"G12.1", "G33", "G34", "G35"}}
 """Codes that a mill refuses; the tests of the control's lathes have them."""
 
 
