@@ -360,6 +360,9 @@ class LookAhead:
                 return False
         else:
             self._window.stop()
+        if isinstance(self._corners, Shaping):
+            self._corners = self._corners.copy(self.audit)
+            self._corners.mixes_feeds(self._window.slows_until)
         return self._refusal() is None
 
     def _state(self) -> State:
@@ -391,7 +394,11 @@ class LookAhead:
                 self._window.caution = 0
                 return True
             if before.caution == MOST_CAUTION:
-                raise refusal
+                follows = before.moving and not before.settled
+                if not (follows and isinstance(self._corners, Shaping)):
+                    raise refusal
+                # The plan before leads to rest, and was accepted up to there.
+                before.follow_to_rest()
             self._window = before
             before.caution += 1
 
@@ -413,6 +420,12 @@ class LookAhead:
                 parts.extend(corners.passed(trial.take(LONG)))
             # What is held back may become the end of the motion.
             deque(corners.copy(audit.copy(), searches=taken).flush(), maxlen=0)
+            if isinstance(corners, Shaping):
+                # The bounds in bends are estimates: the plan to rest behind it is examined, too.
+                rest = trial.copy()
+                rest.follow_to_rest()
+                if rest.settled:
+                    deque(corners.copy(audit.copy()).passed(rest.take(LONG)), maxlen=0)
         except MotionLimitError as error:
             return error
         window.unproved = trial.unproved = False

@@ -14,6 +14,7 @@ the mean reaches (:func:`cnc.planner.known_path.widened`).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from copy import copy
 from dataclasses import dataclass, replace
@@ -29,6 +30,7 @@ from cnc.planner.plan import (
     SAME,
     PlanChunk,
     cut_at_time,
+    first_piece,
     joined_plans,
     over_own_pieces,
     part,
@@ -106,6 +108,14 @@ class Shaping:
         self._stretches: tuple[Stretch, ...] = ()
         """The last ones, in order; the last of them may go on."""
         self.active = True
+        self._mixed_until = -math.inf
+
+    def mixes_feeds(self, until: float) -> None:
+        """Expect motion of the window that is under other feeds than before, up to a time of it.
+
+        The shaped motion follows later. So it is compared with the higher feeds for a while.
+        """
+        self._mixed_until = until
 
     def copy(self, audit: Audit, *, searches: bool = True) -> Shaping:
         """Return a stage that goes on independently from the same state, with another audit."""
@@ -154,9 +164,11 @@ class Shaping:
             else:
                 stretch = replace(last, plan=joined_plans(last.plan, plan))
                 self._stretches = (*self._stretches[:-1], stretch)
-            yield self._audited(stretch, plan.t0, stretch.end)
+            end = stretch.end
+            yield self._audited(stretch, plan.t0, end, plan.t0)
             if stretch.rests and stretch.shaper.length > 0.0:
-                yield self._audited(stretch, stretch.end, stretch.end + stretch.shaper.length)
+                # The window rests already: no request begins in here.
+                yield self._audited(stretch, end, end + stretch.shaper.length, math.nan)
             self._forget(stretch.end - KEPT)
 
     def _forget(self, time: float) -> None:
@@ -168,13 +180,23 @@ class Shaping:
             stretches[0] = replace(first, plan=part(first.plan, k, len(first.plan.phase_j)))
         self._stretches = tuple(stretches)
 
-    def _audited(self, stretch: Stretch, begin: float, end: float) -> FinishedPart:
-        """Return the shaped motion from one time of the window to another."""
-        shaped = _shaped(stretch, begin, end)
-        broken, before = self._audit.examined(shaped)
+    def _audited(self, stretch: Stretch, begin: float, end: float, window: float) -> FinishedPart:
+        """Return the shaped motion from one time to another, s.
+
+        ``window``: the time of the window at its start.
+        """
+        shaped = examined = _shaped(stretch, begin, end)
+        if begin < self._mixed_until + stretch.shaper.length:
+            path, base = shaped.path, stretch.plan
+            oldest = begin - stretch.shaper.length - base.t0
+            phase = int(np.searchsorted(base.phase_t[1:-1], oldest, side="right"))
+            first = first_piece(base, phase)
+            feed = np.full(len(path), base.path.feed[first:].max())
+            examined = replace(shaped, path=replace(path, feed=feed))
+        broken, before = self._audit.examined(examined)
         if broken:
             raise self._audit.refusal(shaped, broken)
-        return FinishedPart(shaped, (), begin, False, before)
+        return FinishedPart(shaped, (), window, False, before)
 
     def _shaper(self, plans: list[PlanChunk]) -> Shaper:
         """Return the shaper of the stretch that begins with the first of some plans.
@@ -227,7 +249,7 @@ def _shaped(stretch: Stretch, begin: float, end: float) -> PlanChunk:
     state = np.zeros((4, len(times)))
     middle = 0.5 * (times[:-1] + times[1:])
     for delay, share in zip(delays.tolist(), parts.tolist(), strict=True):
-        inside = np.append(middle, times[-1]) - delay
+        inside = np.append(middle, middle[-1]) - delay
         rests = (inside <= 0.0) | (inside >= whole)
         k = np.searchsorted(plan.phase_t[1:-1], inside, side="right")
         t = np.clip(times - delay, 0.0, whole) - plan.phase_t[k]

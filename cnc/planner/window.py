@@ -183,6 +183,11 @@ class Window:
         return other
 
     @property
+    def slows_until(self) -> float:
+        """Time from which on the motion keeps the feeds in effect, s."""
+        return self.clock.seconds + time_before(self._plan.phases, self._plan.slow_from)
+
+    @property
     def settled(self) -> bool:
         """Whether some of the plan may be sent on."""
         return self._plan.settled > 0
