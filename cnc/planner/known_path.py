@@ -219,7 +219,9 @@ def _with_room_in_bends(intervals: Intervals, limits: Limits) -> Intervals:
         by_change = np.cbrt(share / (change / limits.axis_jerk).max(axis=(1, 2)))
     top = np.minimum(intervals.top, np.minimum(by_bend, by_change))
     accel, jerk = intervals.accel * part[:, None], intervals.jerk * part[:, None]
-    speed = np.minimum(intervals.speed, top)
+    # Where only the feed limits the speed there is room enough.
+    bent = intervals.speed < intervals.top
+    speed = np.minimum(np.where(bent, np.sqrt(part), 1.0) * intervals.speed, top)
     return intervals._replace(top=top, speed=speed, accel=accel, jerk=jerk, share=share)
 
 
