@@ -151,7 +151,7 @@ def joined(parts: Sequence[Intervals], bases: Sequence[float]) -> Intervals:
 
 SPARE = 1.02
 """Part of its reach by which a slow interval counts farther: the shaper is found to a per cent."""
-NEARLY = 1.02
+NEARLY = 1.005
 """A bound that is at most this much above another one may be lowered to it."""
 SLIVER = 1e-3
 """mm; no interval is cut to a shorter one, and the least reach of a slow interval."""
@@ -194,9 +194,9 @@ def widened(intervals: Intervals, start: float, limits: Limits) -> Intervals:
     ends = np.concatenate((edges[apart], end))
     order = np.lexsort((ends, rows))
     ends, rows = ends[order], rows[order]
-    middle = 0.5 * (np.append(start, ends[:-1]) + ends)
-    covered = np.searchsorted(middle, low), np.searchsorted(middle, high, side="right")
-    bound = _least_over(top, *covered, len(ends))
+    begins, moves = np.append(start, ends[:-1]), top > 0.0
+    first, after = np.searchsorted(ends, low + SLIVER), np.searchsorted(begins, high - SLIVER, "right")
+    bound = _least_over(top[moves], first[moves], after[moves], len(ends))
     cut = Intervals._make(array[rows] for array in intervals)
     bound = np.minimum(bound, cut.top)
     speed = np.minimum(cut.speed, bound)
