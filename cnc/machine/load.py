@@ -155,12 +155,26 @@ def inconsistencies(machine: Machine) -> Iterator[Inconsistency]:
             "a Klipper board needs the pins of its motors",
             "write the tables [board.klipper.x], ...; cncrun boards lists the pins of a board",
         )
+    yield from _vibration(machine)
     if machine.stock is not None and not {"x", "y", "z"} <= machine.axes.keys():
         yield Inconsistency(
             ("stock",),
             "the machine does not have the axes x, y and z",
             "remove the table",
         )
+
+
+def _vibration(machine: Machine) -> Iterator[Inconsistency]:
+    """Compare the modes with the axes and with the period of the samples."""
+    highest = 0.5 / machine.path.period
+    for name, modes in machine.vibration.items():
+        if name != "tool" and name not in machine.axes:
+            hint = f"there are {', '.join(machine.axes)}, and tool for all of them"
+            yield Inconsistency(("vibration", name), "there is no such axis", hint)
+        if any(mode.frequency > highest for mode in modes):
+            message = f"a mode is above {highest:g} Hz, half the rate of the samples"
+            hint = "shorten path.period, or leave the mode out"
+            yield Inconsistency(("vibration", name), message, hint)
 
 
 def _motors(machine: Machine) -> Iterator[tuple[str, str, Axis]]:

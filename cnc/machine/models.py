@@ -453,6 +453,25 @@ class PathLimits(Section):
     )
 
 
+class VibrationMode(Section):
+    """A way in which the machine rings; ``cncrun measure ringing`` finds it."""
+
+    frequency: Annotated[FiniteFloat, Field(ge=1.0)] = Field(description="Frequency, Hz.")
+    damping: Annotated[FiniteFloat, Field(ge=0.0, le=0.5)] = Field(
+        default=0.05, description="Damping ratio: 0 for none, 1 where nothing rings."
+    )
+
+
+def _modes(value: Any) -> Any:
+    """Return a single mode as one of several."""
+    return (value,) if isinstance(value, dict) else as_tuple(value)
+
+
+VibrationModes = Annotated[
+    tuple[VibrationMode, ...], BeforeValidator(_modes), Field(min_length=1, max_length=2)
+]
+
+
 class HomingOrder(Section):
     """The sequence of the axes in a homing cycle."""
 
@@ -502,6 +521,13 @@ class Machine(Header):
     )
     stock: Stock | None = Field(
         default=None, description="The raw part, for the check of collisions."
+    )
+    vibration: dict[str, VibrationModes] = Field(
+        default={},
+        description=(
+            "How the machine rings, by the axis whose motion excites it, or tool for all axes: up "
+            "to two modes each. The motion is planned so that little of it remains."
+        ),
     )
 
     @property

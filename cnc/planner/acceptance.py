@@ -30,7 +30,7 @@ ACCEPTED = 0.5 * TOLERANCE
 
 
 def accepted_plan(
-    path: KnownPath, start: float, goal: float, v_start: float, work: Work
+    path: KnownPath, start: float, goal: float, v_start: float, work: Work | None
 ) -> tuple[int, Phases, Intervals]:
     """Plan from ``start`` to rest at ``goal``, with intervals that are fine enough.
 
@@ -39,7 +39,7 @@ def accepted_plan(
         start: arc length, mm.
         goal: arc length of the rest.
         v_start: speed at the start, mm/s.
-        work: computing time for refinements.
+        work: computing time for refinements; None for none.
 
     Returns:
         The status and the phases of :func:`cnc.planner.phases.plan_to_rest`, and the intervals.
@@ -49,7 +49,8 @@ def accepted_plan(
         intervals = path.intervals(limits, start, goal)
         if v_start == 0.0:
             intervals = open_at_start(intervals)
-        work.left -= PLANNED_INTERVAL * len(intervals.end)
+        if work is not None:
+            work.left -= PLANNED_INTERVAL * len(intervals.end)
         status, phases = plan_to_rest(start, intervals, v_start, limits, work=work)
         if status != PLANNED:
             return status, phases, intervals

@@ -86,16 +86,21 @@ class CornerMotions:
         """Forget the part that is held back: another one follows in its place."""
         self._held = None
 
-    def go_on(self, earlier: float, shorter: float, *, shared: bool) -> None:
+    def go_on(self, time: float, earlier: float, shorter: float, *, shared: bool) -> bool:
         """Go on with another plan instead of the motion behind a place.
 
         Args:
+            time: of the plans at which that one begins, s.
             earlier: time by which that plan begins earlier, s.
             shorter: length by which its coordinates are smaller, mm.
             shared: whether its first leg begins with a corner that is passed.
+
+        Returns:
+            True: it needs no motion before that time.
         """
         self._held = None
         self._earlier, self._shorter, self._shared = earlier, shorter, shared
+        return True
 
     def copy(self, audit: Audit, *, searches: bool = True) -> CornerMotions:
         """Return a stage that goes on independently from the same state, with another audit.

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from math import inf
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cnc.path.chunk import PathChunk
 from cnc.path.kernels.curve import Pieces
@@ -20,6 +21,9 @@ from cnc.planner.limits import Limits
 from cnc.planner.plan import PlanChunk, joined_paths
 
 # A stretch of path as intervals with constant bounds: made, cut and joined.
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 STANDSTILL = Junction(0.0, True, 1.0, 0.0)
 """A junction at which the motion rests."""
@@ -141,6 +145,113 @@ def joined(parts: Sequence[Intervals], bases: Sequence[float]) -> Intervals:
         for part, base in zip(parts, bases, strict=True)
     ]
     return Intervals._make(np.concatenate(arrays) for arrays in zip(*moved, strict=True))
+
+
+# Intervals for a motion that will be shaped: a place has the speed of its slowest neighbour.
+
+SPARE = 1.02
+"""Part of its reach by which a slow interval counts farther: the shaper is found to a per cent."""
+NEARLY = 1.005
+"""A bound that is at most this much above another one may be lowered to it."""
+SLIVER = 1e-3
+"""mm; no interval is cut to a shorter one, and the least reach of a slow interval."""
+AT_JOINT = 0.92
+"""Part of its speed at which a joint is crossed: the shaped speed is not quite constant there."""
+IN_BENDS = 0.5
+"""Part of a turn, in rad, by which the sums of acceleration and jerk are off. Measured, not derived:
+with less the audit refuses more plans.
+"""
+
+
+def widened(intervals: Intervals, start: float, limits: Limits) -> Intervals:
+    """Return intervals whose speed counts for the path beside them, too.
+
+    A shaped speed at a place is a mean of speeds at places up to the spread times the speed before
+    and behind. It keeps to the bound of an interval if all of these do.
+
+    Args:
+        intervals: intervals that follow each other.
+        start: arc length at the start of the first one, mm.
+        limits: with the spread.
+    """
+    end = intervals.end
+    top = np.where(intervals.flat, AT_JOINT * intervals.speed, intervals.top)
+    begin = np.append(start, end[:-1])
+    reach = np.minimum(SPARE * limits.spread * top, end[-1] - start) + np.where(top > 0.0, SLIVER, 0.0)
+    low, high = begin - reach, end + reach
+    bound = _least_over(
+        top, np.searchsorted(begin, low), np.searchsorted(end, high, side="right"), len(end)
+    )
+    # An edge inside of a much faster interval cuts it. A stop has no length and no reach.
+    edges = np.concatenate((low, high))
+    rows = np.minimum(np.searchsorted(end, edges, side="right"), len(end) - 1)
+    inside = (edges > begin[rows] + SLIVER) & (edges < end[rows] - SLIVER)
+    inside &= bound[rows] > NEARLY * np.tile(top, 2)
+    order = np.lexsort((edges[inside], rows[inside]))
+    edges, rows = edges[inside][order], rows[inside][order]
+    apart = (np.diff(edges, prepend=start - 1.0) > SLIVER) | (np.diff(rows, prepend=-1) > 0)
+    rows = np.concatenate((rows[apart], np.arange(len(end))))
+    ends = np.concatenate((edges[apart], end))
+    order = np.lexsort((ends, rows))
+    ends, rows = ends[order], rows[order]
+    begins, moves = np.append(start, ends[:-1]), top > 0.0
+    first, after = np.searchsorted(ends, low + SLIVER), np.searchsorted(begins, high - SLIVER, "right")
+    bound = _least_over(top[moves], first[moves], after[moves], len(ends))
+    cut = Intervals._make(array[rows] for array in intervals)
+    bound = np.minimum(bound, cut.top)
+    speed = np.minimum(cut.speed, bound)
+    accel, jerk = _at_lower_speed(cut, speed)
+    cut = cut._replace(end=ends, top=bound, speed=speed, accel=accel, jerk=jerk)
+    return _with_room_in_bends(cut, limits)
+
+
+def _with_room_in_bends(intervals: Intervals, limits: Limits) -> Intervals:
+    """Return intervals whose share of the limits leaves room for what a shaper mixes in a bend.
+
+    The direction of the path turns on the way over which the motion is mixed.
+    """
+    _, bend, change = np.moveaxis(np.abs(intervals.samples), 2, 0)
+    turn = limits.spread * intervals.top * np.linalg.norm(bend, axis=2).max(axis=1)
+    part = 1.0 / (1.0 + IN_BENDS * turn)
+    share = intervals.share * part
+    with np.errstate(divide="ignore"):
+        by_bend = np.sqrt(share / (bend / limits.axis_acceleration).max(axis=(1, 2)))
+        by_change = np.cbrt(share / (change / limits.axis_jerk).max(axis=(1, 2)))
+    top = np.minimum(intervals.top, np.minimum(by_bend, by_change))
+    accel, jerk = intervals.accel * part[:, None], intervals.jerk * part[:, None]
+    # Where only the feed limits the speed there is room enough.
+    bent = intervals.speed < intervals.top
+    speed = np.minimum(np.where(bent, np.sqrt(part), 1.0) * intervals.speed, top)
+    return intervals._replace(top=top, speed=speed, accel=accel, jerk=jerk, share=share)
+
+
+def _least_over(values: Floats, first: Ints, after: Ints, count: int) -> Floats:
+    """Return for each of ``count`` places the least value whose range holds it (count,).
+
+    The range of a value is ``first`` .. ``after - 1``.
+    """
+    least = np.full(count, inf)
+    lengths = np.maximum(after - first, 0)
+    starts = np.cumsum(lengths) - lengths
+    places = np.arange(int(lengths.sum())) + np.repeat(first - starts, lengths)
+    np.minimum.at(least, places, np.repeat(values, lengths))
+    return least
+
+
+def _at_lower_speed(intervals: Intervals, speed: Floats) -> tuple[Floats, Floats]:
+    """Return the bounds on acceleration and jerk at levels of lower speeds."""
+    part = speed / np.where(intervals.speed > 0.0, intervals.speed, 1.0)
+    # The levels fall by a tenth from 1 on.
+    level = np.clip(10.0 * (1.0 - part[:, None] * (1.0 - 0.1 * np.arange(LEVELS))), 0.0, LEVELS - 1)
+    below = np.minimum(level.astype(np.int64), LEVELS - 2)
+    share = level - below
+    rows = np.arange(len(speed))[:, None]
+
+    def between(bounds: Floats) -> Floats:
+        low: Floats = bounds[rows, below] * (1.0 - share) + bounds[rows, below + 1] * share
+        return low
+
+    return between(intervals.accel), between(intervals.jerk)
 
 
 # A chunk of path in the planner's window, cut into intervals under the limits in effect.
@@ -385,19 +496,26 @@ class KnownPath:
 
     def intervals(self, limits: Limits, start: float, stop: float) -> Intervals:
         """Return the intervals under some limits from ``start`` to ``stop``."""
+        beside = 0.0
+        if limits.spread > 0.0:
+            fastest = max(section.top for section in self.sections)
+            beside = SPARE * limits.spread * fastest + SLIVER
+        begin, end = start - beside, stop + beside
         wanted = [
-            section for section in self.sections if section.end > start and section.base < stop
+            section for section in self.sections if section.end > begin and section.base < end
         ]
         near = rounding_of(stop)
         parts = [
             section.intervals
             if limits is self.limits
             else section.intervals_near(
-                limits, start - section.base - near, stop - section.base + near
+                limits, begin - section.base - near, end - section.base + near
             )
             for section in wanted
         ]
         whole = joined(parts, [section.base for section in wanted])
+        if beside:
+            whole = widened(whole, wanted[0].base, limits)
         return between(whole, start + rounding_of(start), stop)
 
     def place(self, s: float) -> tuple[str, int]:

@@ -33,6 +33,8 @@ class Limits:
             no limits of their own; 0 where the axes are the joints.
         feed_factor: the operator's override of programmed feeds; 0 while the motion is held.
         slowing_from: motion that slows may have this speed where its feed is lower, mm/s.
+        spread: longest time by which shaping mixes the motion at a place with that before and
+            behind, s; see :class:`cnc.planner.shaping.Shaping`.
     """
 
     max_feed: float
@@ -49,6 +51,7 @@ class Limits:
     tip_columns: int = 0
     feed_factor: float = 1.0
     slowing_from: float = 0.0
+    spread: float = 0.0
 
     @classmethod
     def of(cls, machine: Machine) -> Limits:

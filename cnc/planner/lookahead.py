@@ -38,6 +38,7 @@ from cnc.planner.finished import Finished, FinishedPart
 from cnc.planner.known_path import with_feeds_in_effect
 from cnc.planner.limits import Limits
 from cnc.planner.plan import PlanChunk
+from cnc.planner.shaping import Shaping, longest_spread, modes_of
 from cnc.planner.window import LONG, SLICE, SLICE_LENGTH, STOPS_KNOWN, Window
 from cnc.planner.work import Work
 
@@ -151,7 +152,7 @@ class State(NamedTuple):
     """What a request changes; see :class:`LookAhead`."""
 
     window: Window
-    corners: CornerMotions
+    corners: CornerMotions | Shaping
     rewind: Rewind
     finished: Finished
     audit: Audit
@@ -185,13 +186,23 @@ class LookAhead:
             judged: whether a plan that breaks a limit is a fault. It is none where only the speeds
                 are needed, because the board plans for itself.
         """
+        shapes = judged and bool(machine.vibration)
         self.limits = Limits.of(machine)
+        if shapes:
+            self.limits = replace(self.limits, spread=longest_spread(machine))
         self.audit = Audit(self.limits, judges=judged)
         work = Work()
         self._window = Window(self.limits, stops_known, work)
         trials = Trials(self.limits, work)
-        self._blending = CornerBlending(self.limits, together=trials.passed_together)
-        self._corners = CornerMotions(self.limits, self.audit, work, trials.solutions)
+        # What passes a corner rings: the axes change their speeds in an instant.
+        self._blending = CornerBlending(
+            self.limits, where=lambda: not shapes, together=trials.passed_together
+        )
+        self._corners = (
+            Shaping(modes_of(machine), self.audit)
+            if shapes
+            else CornerMotions(self.limits, self.audit, work, trials.solutions)
+        )
         self._rewind = Rewind()
         self._factor = 1.0
         """The factor of the feeds for which the plan was made that counts."""
@@ -260,6 +271,8 @@ class LookAhead:
                 self._allowed = item
             elif isinstance(item, SpindleSync):
                 self._follows_spindle = item.pitch > 0.0
+                if isinstance(self._corners, Shaping):
+                    self._corners.active = not self._follows_spindle
             probe = item if isinstance(item, Probe) else None
             yield item
             if isinstance(item, BoardCommand) and item.answer.values is not None:
@@ -347,6 +360,9 @@ class LookAhead:
                 return False
         else:
             self._window.stop()
+        if isinstance(self._corners, Shaping):
+            self._corners = self._corners.copy(self.audit)
+            self._corners.mixes_feeds(self._window.slows_until)
         return self._refusal() is None
 
     def _state(self) -> State:
@@ -378,7 +394,11 @@ class LookAhead:
                 self._window.caution = 0
                 return True
             if before.caution == MOST_CAUTION:
-                raise refusal
+                follows = before.moving and not before.settled
+                if not (follows and isinstance(self._corners, Shaping)):
+                    raise refusal
+                # The plan before leads to rest, and was accepted up to there.
+                before.follow_to_rest()
             self._window = before
             before.caution += 1
 
@@ -400,6 +420,12 @@ class LookAhead:
                 parts.extend(corners.passed(trial.take(LONG)))
             # What is held back may become the end of the motion.
             deque(corners.copy(audit.copy(), searches=taken).flush(), maxlen=0)
+            if isinstance(corners, Shaping):
+                # The bounds in bends are estimates: the plan to rest behind it is examined, too.
+                rest = trial.copy()
+                rest.follow_to_rest()
+                if rest.settled:
+                    deque(corners.copy(audit.copy()).passed(rest.take(LONG)), maxlen=0)
         except MotionLimitError as error:
             return error
         window.unproved = trial.unproved = False
@@ -472,7 +498,8 @@ class LookAhead:
             window = self._rewind.window_at(back.stops_time)
             if window is None:
                 return False
-            self._go_on(window, back.time, back.length, shared=back.shared)
+            if not self._go_on(window, back.time, back.length, shared=back.shared):
+                return False
             self._finished = kept
             self.audit.adopt(back.audit)
         self._window, self._rewind = window, Rewind()
@@ -531,10 +558,14 @@ class LookAhead:
         self._rewind.keep(window)
         return True
 
-    def _go_on(self, window: Window, time: float, length: float, *, shared: bool) -> None:
-        """Pass corners from a state of the window on, which follows so much finished motion."""
+    def _go_on(self, window: Window, time: float, length: float, *, shared: bool) -> bool:
+        """Pass corners from a state of the window on, which follows so much finished motion.
+
+        Return whether enough of that motion is known.
+        """
         self._corners = self._corners.copy(self.audit)
-        self._corners.go_on(window.clock.seconds - time, window.length - length, shared=shared)
+        now = window.clock.seconds
+        return self._corners.go_on(now, now - time, window.length - length, shared=shared)
 
     def _finish(self, plans: Iterable[PlanChunk]) -> None:
         """Pass stops on corners in plans of the window, and audit them."""

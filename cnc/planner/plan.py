@@ -151,22 +151,32 @@ def part(plan: PlanChunk, first: int, end: int) -> PlanChunk:
     """Return the phases first .. end - 1 of a plan, over the pieces that they touch."""
     if end - first == len(plan.phase_j):
         return plan
-    piece_s = plan.piece_s
-    # A motion may begin at the end of the path but for rounding.
-    begin = min(first_piece(plan, first), len(plan.path) - 1)
-    after = max(int(np.searchsorted(piece_s, plan.phase_s[end] - REST, side="left")), begin + 1)
-    zero = float(piece_s[begin])
     span = slice(first, end + 1)
-    return PlanChunk(
-        path=plan.path.part(begin, after),
-        piece_s=piece_s[begin : after + 1] - zero,
+    phases = replace(
+        plan,
         t0=plan.t0 + float(plan.phase_t[first]),
-        s0=plan.s0 + zero,
         phase_t=plan.phase_t[span] - plan.phase_t[first],
-        phase_s=plan.phase_s[span] - zero,
+        phase_s=plan.phase_s[span],
         phase_v=plan.phase_v[span],
         phase_a=plan.phase_a[span],
         phase_j=plan.phase_j[first:end],
+    )
+    return over_own_pieces(phases)
+
+
+def over_own_pieces(plan: PlanChunk) -> PlanChunk:
+    """Return a plan over the pieces alone that its phases touch."""
+    piece_s = plan.piece_s
+    # A motion may begin at the end of the path but for rounding.
+    begin = min(first_piece(plan, 0), len(plan.path) - 1)
+    after = max(int(np.searchsorted(piece_s, plan.phase_s[-1] - REST, side="left")), begin + 1)
+    zero = float(piece_s[begin])
+    return replace(
+        plan,
+        path=plan.path.part(begin, after),
+        piece_s=piece_s[begin : after + 1] - zero,
+        s0=plan.s0 + zero,
+        phase_s=plan.phase_s - zero,
     )
 
 

@@ -183,6 +183,11 @@ class Window:
         return other
 
     @property
+    def slows_until(self) -> float:
+        """Time from which on the motion keeps the feeds in effect, s."""
+        return self.clock.seconds + time_before(self._plan.phases, self._plan.slow_from)
+
+    @property
     def settled(self) -> bool:
         """Whether some of the plan may be sent on."""
         return self._plan.settled > 0
@@ -222,11 +227,14 @@ class Window:
         self._rebase()
         path = self._path
         if self.caution:
-            path = path.under(path.limits.slower(MORE_SLOWLY**self.caution))
+            steps = self.caution - 1 if self.limits.spread else self.caution
+            path = path.under(path.limits.slower(MORE_SLOWLY**steps))
         goal, rests = path.goal(self._at)
         v = float(plan.phases[0]["v"]) if len(plan.phases) else 0.0
         self._work.reach(self.clock.seconds)
-        status, phases, intervals = accepted_plan(path, self._at, goal, v, self._work)
+        # A shaped motion is refused in bends, where the one without refinement is slower.
+        work = None if self.limits.spread and self.caution else self._work
+        status, phases, intervals = accepted_plan(path, self._at, goal, v, work)
         if status == START_TOO_FAST and len(plan.phases):
             # The last plan is legal to its end: follow it to a point without acceleration, and try
             # again from there.

@@ -45,7 +45,7 @@ def path_of(
 
     Behind the columns of the axes are those of the joints, where the joints are not the axes. Where
     these are not a linear function of the axes, the time of a motion depends on the pose, and the
-    path has splines.
+    path has splines. It has them where the motion is shaped, too: corners would be stops.
 
     Args:
         blocks: The blocks.
@@ -66,7 +66,7 @@ def path_of(
         tolerance=machine.path.tolerance,
         due_times=due_times,
         short_legs=joints.short_legs,
-        offers_corners=joints.linear,
+        offers_corners=joints.linear and not machine.vibration,
     )
     return joints.path(with_faster_paths(path, machine), start, certain=certain)
 
