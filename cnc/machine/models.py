@@ -464,11 +464,15 @@ class VibrationMode(Section):
 
 def _modes(value: Any) -> Any:
     """Return a single mode as one of several."""
+    if not isinstance(value, dict | list | tuple):
+        raise ValueError("must be a table, {frequency = 38.0, damping = 0.05}, or two of them")
     return (value,) if isinstance(value, dict) else as_tuple(value)
 
 
 VibrationModes = Annotated[
-    tuple[VibrationMode, ...], BeforeValidator(_modes), Field(min_length=1, max_length=2)
+    tuple[VibrationMode, ...],
+    Field(min_length=1, max_length=2),
+    BeforeValidator(_modes, json_schema_input_type=VibrationMode | tuple[VibrationMode, ...]),
 ]
 
 

@@ -158,8 +158,8 @@ SLIVER = 1e-3
 AT_JOINT = 0.92
 """Part of its speed at which a joint is crossed: the shaped speed is not quite constant there."""
 IN_BENDS = 0.5
-"""Part of a turn, in rad, by which the sums of acceleration and jerk are off. Measured, not derived:
-with less the audit refuses more plans.
+"""Part of a turn, in rad, by which the sums of acceleration and jerk are off. It is measured, not
+derived: with less the audit refuses more plans.
 """
 
 
@@ -177,7 +177,8 @@ def widened(intervals: Intervals, start: float, limits: Limits) -> Intervals:
     end = intervals.end
     top = np.where(intervals.flat, AT_JOINT * intervals.speed, intervals.top)
     begin = np.append(start, end[:-1])
-    reach = np.minimum(SPARE * limits.spread * top, end[-1] - start) + np.where(top > 0.0, SLIVER, 0.0)
+    moves = top > 0.0
+    reach = np.minimum(SPARE * limits.spread * top, end[-1] - start) + SLIVER * moves
     low, high = begin - reach, end + reach
     bound = _least_over(
         top, np.searchsorted(begin, low), np.searchsorted(end, high, side="right"), len(end)
@@ -194,8 +195,8 @@ def widened(intervals: Intervals, start: float, limits: Limits) -> Intervals:
     ends = np.concatenate((edges[apart], end))
     order = np.lexsort((ends, rows))
     ends, rows = ends[order], rows[order]
-    begins, moves = np.append(start, ends[:-1]), top > 0.0
-    first, after = np.searchsorted(ends, low + SLIVER), np.searchsorted(begins, high - SLIVER, "right")
+    first = np.searchsorted(ends, low + SLIVER)
+    after = np.searchsorted(np.append(start, ends[:-1]), high - SLIVER, side="right")
     bound = _least_over(top[moves], first[moves], after[moves], len(ends))
     cut = Intervals._make(array[rows] for array in intervals)
     bound = np.minimum(bound, cut.top)

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+Waves = NDArray[np.complex128]
 
 NEAR = 0.05
 """Part of the amplitude that may remain where the true frequency is up to 10 % off."""
@@ -123,7 +124,7 @@ def shortest_shaper(modes: tuple[Mode, ...]) -> Shaper:
     return Shaper(times, parts / parts.sum())
 
 
-def _least(waves: NDArray[np.complex128], enough: float = 0.0) -> tuple[Floats, float]:
+def _least(waves: Waves, enough: float = 0.0) -> tuple[Floats, float]:
     """Return the parts (n,) > 0 of sum 1 whose largest ``abs(waves @ parts)`` is least, and that.
 
     The search ends as soon as that is at most ``enough``, or cannot come to be. It follows the
@@ -165,9 +166,7 @@ def _least(waves: NDArray[np.complex128], enough: float = 0.0) -> tuple[Floats, 
             weight *= FASTER
 
 
-def _inside(
-    step: Floats, parts: Floats, e: float, waves: NDArray[np.complex128], sums: NDArray[np.complex128]
-) -> float:
+def _inside(step: Floats, parts: Floats, e: float, waves: Waves, sums: Waves) -> float:
     """Return the part of a step of the parts and of e up to which the bounds are kept."""
     moved, size = waves @ step[:-1], 1.0
     while not (
@@ -178,10 +177,10 @@ def _inside(
     return size if size == 1.0 else 0.8 * size
 
 
-def _waves(times: Floats, modes: Sequence[Mode]) -> NDArray[np.complex128]:
+def _waves(times: Floats, modes: Sequence[Mode]) -> Waves:
     """Return what parts at ``times`` (n,) excite in each mode at the end of the last (modes, n)."""
     frequency, damping = np.array(modes).T
     w = 2.0 * np.pi * frequency
     root = w * (damping + 1j * np.sqrt(1.0 - damping**2))
-    waves: NDArray[np.complex128] = np.exp(np.outer(root, times - times[-1]))
+    waves: Waves = np.exp(np.outer(root, times - times[-1]))
     return waves

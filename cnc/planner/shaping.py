@@ -1,12 +1,12 @@
-"""Motion that does not ring: the stage behind the window on a machine whose modes are known.
+r"""Motion that does not ring: the stage behind the window on a machine whose modes are known.
 
 The motion from rest to rest is shaped as a whole (:mod:`cnc.planner.shaper`): arc length, not the
 axes, so the path stays as it is.
 
        v |     ______ window            The shaped speed at a time is a mean of the speeds of the
-         |    /  ,--- \\ `. shaped       window at times before. So the motion rests later by the
-         |   / ,'     \\  `.             length of the shaper.
-         |__/,'________\\___`.__ t
+         |    /  ,--- \ `. shaped       window at times before. So the motion rests later by the
+         |   / ,'     \  `.             length of the shaper.
+         |__/,'________\___`.__ t
 
 The mean is also one over path. So the window keeps below the speed of a slow place for as long as
 the mean reaches (:func:`cnc.planner.known_path.widened`).
@@ -18,6 +18,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping
 from copy import copy
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,7 +49,7 @@ APART = 1e-11
 
 
 def modes_of(machine: Machine) -> dict[str, tuple[Mode, ...]]:
-    """Return the modes of a machine by the axis that excites them; those of the tool by ``tool``."""
+    """Return the modes of a machine by the axis that excites them; the tool's by ``tool``."""
     return {
         name: tuple(Mode(mode.frequency, mode.damping) for mode in modes)
         for name, modes in machine.vibration.items()
@@ -234,7 +235,7 @@ def _from_rest_to_rest(plan: PlanChunk) -> list[PlanChunk]:
     """Return the parts of a plan between its rests."""
     rests = np.flatnonzero(plan.phase_v[1:-1] == 0.0) + 1
     ends = [0, *rests.tolist(), len(plan.phase_j)]
-    return [part(plan, first, end) for first, end in zip(ends[:-1], ends[1:], strict=True)]
+    return [part(plan, first, end) for first, end in pairwise(ends)]
 
 
 def _shaped(stretch: Stretch, begin: float, end: float) -> PlanChunk:

@@ -488,6 +488,7 @@ class LinePass:
         self._warn(self._lowered.findings())
         self._warn(self._unused_tool_change())
         self._warn(self._lowered_speed())
+        self._warn(self._unused_modes())
         self._warn(self._skipped_pauses())
         countdown = Countdown(self.timing)
         present = PresentLine(context.reader.path, report.program)
@@ -605,6 +606,16 @@ class LinePass:
             )
             yield Diagnostic(
                 "tool-change-mode", message, tool.file, tool.line, hint=hint, severity="warning"
+            )
+
+    def _unused_modes(self) -> Iterator[Diagnostic]:
+        """Yield a warning if the machine file has modes, which the board knows nothing of."""
+        machine = self._context.reader.machine
+        if machine.vibration:
+            message = "the board plans its own motion, so [vibration] has no effect"
+            hint = "use a board that plays pulses, or lower the acceleration of the board ($120)"
+            yield Diagnostic(
+                "vibration-on-board", message, machine.file, hint=hint, severity="warning"
             )
 
     def _write_plan(self) -> None:

@@ -15,8 +15,8 @@ def residuals(plans: list[PlanChunk], oscillators: list[Oscillator]) -> np.ndarr
     """Return the amplitudes where the motion rests for a while, and at its end, mm.
 
     The relative place u of a mass on a spring that hangs on the axis follows
-    u'' + 2 d w u' + w^2 u = -x''. Each change of the velocity of the axis is an impulse, and between
-    them the motion is a decaying rotation of z = u' - s u, with s = w (-d + i sqrt(1 - d^2)).
+    u'' + 2 d w u' + w^2 u = -x''. Each change of the velocity of the axis is an impulse.
+    Between them the motion is a decaying rotation of z = u' - s u, s = w (-d + i sqrt(1 - d^2)).
 
     Returns:
         (rests, oscillators).
