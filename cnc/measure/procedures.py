@@ -104,6 +104,24 @@ class Row(NamedTuple):
     after: float
 
 
+class Bar(NamedTuple):
+    """A line of the picture with its bars.
+
+    Attributes:
+        name: As of the row.
+        before: As of the row, mm.
+        after: As of the row, mm.
+        before_part: Length of its bar, -1 to 1: 1 is the largest error of all rows.
+        after_part: Length of the other bar.
+    """
+
+    name: str
+    before: float
+    after: float
+    before_part: float
+    after_part: float
+
+
 @dataclass(frozen=True, slots=True)
 class Measured:
     """A result.
@@ -122,6 +140,13 @@ class Measured:
     rows: tuple[Row, ...]
     keys: Mapping[tuple[str, ...], float | str | None]
     table: tuple[ErrorPoint, ...] = field(default=())
+
+    @property
+    def bars(self) -> list[Bar]:
+        """The picture, for the terminal and the console."""
+        largest = max((max(abs(row.before), abs(row.after)) for row in self.rows), default=0.0)
+        unit = largest or 1.0
+        return [Bar(*row, row.before / unit, row.after / unit) for row in self.rows]
 
     @property
     def is_of_place(self) -> bool:

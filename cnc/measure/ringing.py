@@ -97,38 +97,51 @@ def read_record(file: Path) -> Record:
         UsageError: ``can-not-read``, ``record-form``.
     """
     try:
-        lines = file.read_text(encoding="utf-8-sig").splitlines()
+        text = file.read_text(encoding="utf-8-sig")
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
         raise UsageError(
             Diagnostic("can-not-read", f"{file} cannot be read: {reason}", hint="check the name")
         ) from error
+    return record_of(text, file.name)
+
+
+def record_of(text: str, name: str) -> Record:
+    """Return the record of the text of a csv file, see :func:`read_record`.
+
+    Args:
+        text: The text.
+        name: Name of the file.
+
+    Raises:
+        UsageError: ``record-form``.
+    """
     rows: list[list[float]] = []
     heading: list[str] = []
-    for number, line in enumerate(lines, 1):
+    for number, line in enumerate(text.splitlines(), 1):
         separator = next((mark for mark in "\t;," if mark in line), ",")
         cells = [cell.strip() for cell in next(csv.reader([line], delimiter=separator), [])]
         try:
             rows.append([float(cell) for cell in cells if cell])
         except ValueError:
             if rows:
-                raise _form(f"line {number} of {file.name} has no numbers") from None
+                raise _form(f"line {number} of {name} has no numbers") from None
             heading = [cell.lstrip("#").strip().lower() for cell in cells]
         if len(rows) > MOST_SAMPLES:
-            raise _form(f"{file.name} has more than {MOST_SAMPLES} samples")
+            raise _form(f"{name} has more than {MOST_SAMPLES} samples")
     rows = [row for row in rows if row]
     if len(rows) < 2 or len(rows[0]) < 2 or any(len(row) != len(rows[0]) for row in rows):
-        raise _form(f"{file.name} is not a table of times and accelerations")
+        raise _form(f"{name} is not a table of times and accelerations")
     table = np.array(rows)
     time = table[:, 0] * (1e-3 if heading and re.search(r"\bms\b", heading[0]) else 1.0)
     steps = np.diff(time)
     if not np.isfinite(table).all() or steps.min() <= 0.0:
-        raise _form(f"the times of {file.name} do not rise")
+        raise _form(f"the times of {name} do not rise")
     mean = float(steps.mean())
     if 1.0 / mean < LEAST_RATE:
-        raise _form(f"{file.name} has {1.0 / mean:.0f} samples a second, fewer than {LEAST_RATE:g}")
+        raise _form(f"{name} has {1.0 / mean:.0f} samples a second, fewer than {LEAST_RATE:g}")
     if np.abs(steps - mean).max() > max(JITTER, 2.0 * mean) * mean and steps.max() > 4.0 * mean:
-        raise _form(f"{file.name} has gaps: {steps.max():.4f} s between two samples")
+        raise _form(f"{name} has gaps: {steps.max():.4f} s between two samples")
     even = time[0] + mean * np.arange(len(time))
     columns: dict[str, Floats] = {}
     for column in range(1, table.shape[1]):
