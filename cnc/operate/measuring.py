@@ -154,13 +154,18 @@ class Measurements:
             worker.view.read(worker.machine)
             worker.notice(Diagnostic("measure-limits", strokes(step), severity="note"))
 
-        with self._under(plain, Moves()):
+        with self._under(plain, None):
             board = takes_pulses(worker.machine.board)
             return LimitTest(board, plain, letter, worker.control).raised(most, tell)
 
     @contextmanager
-    def _under(self, plain: Machine, moves: Moves) -> Iterator[None]:
-        """Let the machine be the uncompensated one."""
+    def _under(self, plain: Machine, moves: Moves | None) -> Iterator[None]:
+        """Let the machine be the uncompensated one.
+
+        Args:
+            plain: The machine.
+            moves: How nuts are pushed up at the end; None where they stay.
+        """
         worker, programs = self._worker, self._programs
         before, self._down = programs.machine, {}
         self._use(plain)
@@ -185,14 +190,17 @@ class Measurements:
             with suppress(BoardError):
                 worker.view.read(worker.operated)
 
-    def _pushed_up(self, machine: Machine, moves: Moves) -> bool:
+    def _pushed_up(self, machine: Machine, moves: Moves | None) -> bool:
         """Push nuts up that the measurement has left down; return whether all are up.
 
         At rest, motors push all nuts up: so a count of steps says where the tool is. Here their
         motors move up by the backlash, and the tool rests.
         """
+        plays = Joints(machine).plays
+        if moves is None:
+            return not plays
         try:
-            for letter, play in Joints(machine).plays.items():
+            for letter, play in plays.items():
                 if self._down.get(letter):
                     self._go(letter, self._place(letter) + play, moves)
         except (CncError, _Stopped):
