@@ -46,9 +46,10 @@ def begin(page):
 
 def answer(page, text, number):
     expect(page.locator("#question-text")).to_have_text(text)
+    question = page.get_attribute("#question", "data-id")
     page.fill("#question-value", number)
     page.press("#question-value", "Enter")
-    expect(page.locator("#question-text")).not_to_have_text(text)
+    expect(page.locator(f'#question[open][data-id="{question}"]')).to_have_count(0)
 
 
 def targets(page):
