@@ -49,6 +49,18 @@ class MeasureOptions:
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
+class SensorOptions:
+    """Options of the accelerometer of a board."""
+
+    unhomed: Annotated[bool, option("Move although the machine is not homed.")] = False
+    machine: MachineOption = None
+    board: BoardOption = None
+    port: PortOption = None
+    terminal: TerminalOptions = TERMINAL
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
 class GaugeOptions(MeasureOptions):
     """Options of measurements with a gauge, beside which the axes move slowly."""
 
@@ -104,6 +116,7 @@ class FaceOptions:
 
 
 MEASURE, GAUGE, PROBE, FACES = MeasureOptions(), GaugeOptions(), ProbeOptions(), FaceOptions()
+SENSOR = SensorOptions()
 
 
 def backlash(
@@ -245,28 +258,65 @@ def _strokes(step: Strokes) -> str:
 
 
 def ringing(
-    record: Annotated[str, Parameter(help="A csv file: times, s, and accelerations.")],
+    record: Annotated[
+        str, Parameter(help="A csv file: times, s, and accelerations. Or an axis, such as X.")
+    ],
     /,
     *,
-    terminal: TerminalOptions = TERMINAL,
+    accelerometer: Annotated[
+        bool, option("Move the axis, and record with the accelerometer of the board.")
+    ] = False,
+    on_board: SensorOptions = SENSOR,
 ) -> int:
-    """Find the modes of a frame that rings in the record of an accelerometer; nothing moves.
+    """Find the modes of a frame that rings, in the record of an accelerometer.
 
-    Record taps on the frame, or short quick moves with rests of 0.5 s.
+    Record taps on the frame, or short quick moves with rests of 0.5 s. With the accelerometer of a
+    Klipper board the axis makes such moves itself, up to 5.5 mm.
     """
-    terminal.open_log(record)
+    if accelerometer:
+        return _shake(record, on_board)
+    given = (on_board.machine, on_board.board, on_board.port)
+    if any(value is not None for value in given) or on_board.unhomed:
+        message, hint = "nothing moves for a record", "add --accelerometer, or leave the board out"
+        raise UsageError(Diagnostic("measure-option", message, hint=hint))
+    on_board.terminal.open_log(record)
     cli.load_library()
     from cnc.measure import ringing as records
+    from cnc.measure.machine_file import NO_KEYS
 
-    rate, columns = records.read_record(Path(record))
-    found = {letter: records.modes(samples, rate) for letter, samples in columns.items()}
+    rate, columns, _ = records.read_record(Path(record))
+    modes = {letter: records.modes(samples, rate) for letter, samples in columns.items()}
     print(f"{rate:.0f} samples a second")
-    for letter, modes in found.items():
-        for mode in modes:
-            numbers = f"{mode.frequency:7.2f} Hz, damping {mode.damping:.3f}"
-            print(f"{letter.upper()}  {numbers}, {100.0 * mode.share:.0f} % of the energy")
-    print("the machine file has no keys for modes: use the numbers for an input shaper")
+    for letter, of_axis in modes.items():
+        for mode in of_axis:
+            _show_mode(letter, *mode)
+    print(NO_KEYS)
     return 0
+
+
+def _shake(axis: str, on: SensorOptions) -> int:
+    """Record short quick moves of an axis, and print the modes."""
+    on.terminal.open_log(on.machine)
+    cli.load_library()
+    from cnc.measure.machine_file import NO_KEYS
+    from cnc.measure.orders import Ringing
+    from cnc.operate import measuring
+
+    order = Ringing(axis=axis)
+    plain = measuring.measured_machine(cnc.load_machine(on.machine), order)
+    with cli.operating.connected(plain, on.board, on.port) as (session, signals):
+        moves = measuring.Moves(unhomed=on.unhomed)
+        measured = _answered(session, signals, session.measure(order, moves))
+    print(printable(measured.title), printable(f"  {measured.remark}"), sep="\n")
+    for mode in measured.modes:
+        _show_mode(*mode)
+    print(NO_KEYS)
+    return 0
+
+
+def _show_mode(letter: str, frequency: float, damping: float, share: float) -> None:
+    numbers = f"{frequency:7.2f} Hz, damping {damping:.3f}"
+    print(f"{letter.upper()}  {numbers}, {100.0 * share:.0f} % of the energy")
 
 
 def _measure(order: Order, on: GaugeOptions, probe: ProbeOptions) -> int:

@@ -25,6 +25,7 @@ from cnc.measure.procedures import Measured
 from cnc.model.diagnostics import Diagnostic, UsageError
 from cnc.session.required_capabilities import takes_lines
 
+NO_KEYS = "the machine file has no keys for modes: use the numbers for an input shaper"
 Path_ = tuple[str, ...]
 Value = float | str | None
 _HEADER = re.compile(r"\s*\[\s*([\w.\s\"'-]+?)\s*\]\s*(#.*)?")
@@ -64,7 +65,7 @@ class Change:
         shipped = map(str, shipped_machines().values())
         refusal = ""
         if not keys:
-            refusal = "the machine file stays as it is"
+            refusal = NO_KEYS if measured.modes else "the machine file stays as it is"
         elif not machine.file or not file.is_file() or machine.file in shipped:
             refusal = "write into a machine file of your own:"
         elif takes_lines(machine.board.kind):

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from cnc.measure import probing, procedures
+from cnc.measure import probing, procedures, ringing
 from cnc.measure.probing import Face
 from cnc.measure.procedures import Procedure, Scale, wrong_option
 from cnc.model.diagnostics import Diagnostic, UsageError, printable
@@ -188,4 +188,26 @@ class Square:
         )
 
 
-Order = Backlash | Pitch | Square
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ringing:
+    """Order of the modes that short quick moves of an axis excite.
+
+    Attributes:
+        axis: The axis.
+    """
+
+    axis: str
+    needs_home = False
+    probe: None = None
+
+    @property
+    def letters(self) -> tuple[str, ...]:
+        """The axis."""
+        return (self.axis.lower(),)
+
+    def begin(self, scales: Sequence[Scale]) -> Procedure:
+        """Return the procedure for the axis."""
+        return ringing.shaken(scales[0])
+
+
+Order = Backlash | Pitch | Ringing | Square

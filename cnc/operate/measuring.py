@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from typing import NamedTuple
 
-from cnc.boards.protocols import LineSink, PulseSink
+from cnc.boards.protocols import Accelerations, Accelerometer, LineSink, PulseSink
 from cnc.boards.registry import open_board
 from cnc.machine.models import Machine
 from cnc.measure.limits import UNITS, Bounds, Raised, Raising, Strokes, limits
 from cnc.measure.orders import Order
 from cnc.measure.procedures import (
     Answer,
+    GoTo,
     Measured,
     Procedure,
     Reading,
     Scale,
+    Shake,
     Step,
     Todo,
     Touch,
@@ -222,9 +225,11 @@ class Measurements:
             return self._asked("reading", step.text)
         if isinstance(step, Todo):
             return self._asked("todo", step.text)
-        if not isinstance(step, Touch) and not step.guarded:
+        if isinstance(step, GoTo) and not step.guarded:
             self._go(step.axis, step.place, moves)
             return 0.0
+        if isinstance(step, Shake):
+            return self._shaken(step, moves)
         before, control = self._place(step.axis), self._worker.control
         self._refuse_stopped(control)
         if not isinstance(step, Touch) and not self._is_away(step.axis, step.place):
@@ -267,6 +272,36 @@ class Measurements:
             self._refuse_stopped(control)
             if not control.held:
                 break
+
+    def _shaken(self, step: Shake, moves: Moves) -> Accelerations:
+        """Move an axis there and back while the accelerometer records; return the record."""
+        board, start = self._worker.machine.board, self._place(step.axis)
+        sensor = None if board.takes == "lines" else board.accelerometer
+        if sensor is None:
+            message = "the board has no accelerometer"
+            hint = "name its pins in [board.klipper.accelerometer], or give the record of a sensor"
+            raise UsageError(Diagnostic("no-accelerometer", message, hint=hint))
+        sensor.begin()
+        try:
+            self._rest(sensor, step.rest)
+            for way in step.ways:
+                for place in (start + way, start):
+                    self._go(step.axis, place, moves)
+                    self._rest(sensor, step.rest)
+        except BaseException:
+            with suppress(BoardError):
+                sensor.end()
+            raise
+        return sensor.end()
+
+    def _rest(self, sensor: Accelerometer, seconds: float) -> None:
+        """Let the machine rest, with marks in the record; the board is served meanwhile."""
+        worker, control = self._worker, self._worker.control
+        sensor.mark()
+        end = time.monotonic() + seconds
+        worker.serve(lambda: time.monotonic() >= end or control.stopped or worker.operated is None)
+        self._refuse_stopped(control)
+        sensor.mark()
 
     def _is_away(self, letter: str, place: float) -> bool:
         steps_per_mm = self._programs.machine.joint_tables[letter].steps_per_mm

@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 from cnc.boards.registry import board_factory
 from cnc.measure.limits import UNITS, Raised
-from cnc.measure.machine_file import Change
+from cnc.measure.machine_file import NO_KEYS, Change
 from cnc.measure.procedures import Measured
 from cnc.measure.ringing import modes, record_of
 from cnc.model.diagnostics import Diagnostic, UsageError
@@ -21,7 +21,6 @@ from cnc.operate.remote_session import SessionAccess
 Kind = Literal["backlash", "pitch", "square", "limits", "ringing"]
 Row = dict[str, Any]
 SIMULATED = "the board is simulated, so the limits of the machine file stay"
-NO_KEYS = "the machine file has no keys for modes: use the numbers for an input shaper"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -104,7 +103,7 @@ class LastMeasurement:
         if self.shown.running:
             message, hint = "a measurement is under way", "wait for its end, or stop it"
             raise UsageError(Diagnostic("machine-busy", message, hint=hint))
-        rate, columns = record_of(text, name)
+        rate, columns, _ = record_of(text, name)
         listed = [
             {"axis": letter, **mode._asdict()}
             for letter, samples in columns.items()
@@ -150,6 +149,7 @@ class LastMeasurement:
             title=measured.title,
             remark=measured.remark,
             bars=[bar._asdict() for bar in measured.bars],
+            modes=[mode._asdict() for mode in measured.modes],
             trials=[] if raised is None else _trials(raised),
             steps=change.steps,
             refusal=refusal,
