@@ -204,9 +204,13 @@ class MeasureLimits(_Body):
 
 
 class MeasureRinging(_Body):
-    """The record of an accelerometer."""
+    """The record of an accelerometer, or an axis that the board's accelerometer records."""
 
-    text: str = Field(max_length=MOST_RECORD, description="A csv file: times, accelerations.")
+    axis: Letter | None = Field(default=None, description="null: the record is given.")
+    unhomed: bool = Field(default=False, description="Move although the machine is not homed.")
+    text: str = Field(
+        default="", max_length=MOST_RECORD, description="A csv file: times, accelerations."
+    )
     name: str = Field(default="record.csv", max_length=200, description="Its name.")
 
 

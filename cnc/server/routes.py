@@ -19,7 +19,7 @@ from fastapi.responses import FileResponse
 from pydantic import FiniteFloat
 
 from cnc.boards.registry import board_names
-from cnc.measure.orders import Backlash, Order, Pitch, Square, TouchProbe
+from cnc.measure.orders import Backlash, Order, Pitch, Ringing, Square, TouchProbe
 from cnc.model import parameter_numbers as numbers
 from cnc.model.diagnostics import Diagnostic, UsageError
 from cnc.model.units import per_minute, per_second
@@ -744,10 +744,15 @@ async def measure_limits(body: MeasureLimits, console: Controlled) -> Accepted:
 
 
 @router.post("/measure/ringing")
-def measure_ringing(body: MeasureRinging, console: Controlled) -> Accepted:
-    """Find the modes in the record of an accelerometer; nothing moves."""
-    console.measurement.find_modes(body.text, body.name)
-    return Accepted()
+async def measure_ringing(body: MeasureRinging, console: Controlled) -> Accepted:
+    """Find the modes in a record, or in that of the board's accelerometer while an axis moves."""
+    if body.axis is None:
+        await asyncio.to_thread(console.measurement.find_modes, body.text, body.name)
+        return Accepted()
+    order, moves = Ringing(axis=body.axis), Moves(unhomed=body.unhomed)
+    future = await ask(console, OperatorSession.measure, order, moves)
+    console.measurement.begun("ringing", future)
+    return await accepted(future)
 
 
 @router.get("/measurement")

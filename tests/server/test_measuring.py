@@ -203,6 +203,7 @@ def test_a_question_is_there_for_a_second_client_and_a_stop_ends_it(shop, client
         ("limits", {"axis": "q"}),
         ("limits", {"axis": "x", "most": 0.2}),
         ("ringing", {"text": "no record"}),
+        ("ringing", {"axis": "q"}),
     ],
 )
 def test_a_wrong_order_is_refused_and_begins_nothing(shop, client, kind, body):
@@ -210,6 +211,12 @@ def test_a_wrong_order_is_refused_and_begins_nothing(shop, client, kind, body):
     shop.idle()
     assert not client("GET", "/api/measurement").json()["running"]
     assert client("GET", "/api/measurement").json()["result"] is None
+
+
+def test_a_board_without_an_accelerometer_records_nothing(shop, client):
+    refused = client("POST", "/api/measure/ringing", {"axis": "x"})
+    assert (refused.status_code, refused.json()["code"]) == (400, "no-accelerometer")
+    assert shop.session.state.machine["x"] == 0.0
 
 
 def test_limits_on_a_simulated_board_are_shown_and_not_written(

@@ -18,6 +18,7 @@ const SKETCHES = {
   "square gauge": ["M20 6h14v38h76v14h-90z", "M48 32v10m-4 -5l4 5l4 -5M48 22h44m-6 -4l6 4l-6 4", [48, 26]],
   "square probe": ["M20 6h14v38h76v14h-90z", "M50 28v14m-4 -5l4 5l4 -5M94 28v14m-4 -5l4 5l4 -5M50 28h44M50 24h-14m5 -4l-5 4l5 4", [50, 26]],
   limits: ["M96 20h12v24h-12z", "M26 32h62m-7 -5l7 5l-7 5M88 20h-30m5 -4l-5 4l5 4M88 44h-46m5 -4l-5 4l5 4", [92, 32]],
+  shaking: ["M34 14h30v40h-30z", "M70 34h26m-6 -5l6 5l-6 5M96 46h-26m6 -5l-6 5l6 5M14 34c3 -14 5 -14 7 0s4 10 6 0", [49, 22]],
   ringing: ["M10 54h100v6h-100z", "M14 32c6 -40 10 -40 14 0s8 28 12 0s6 -20 10 0s6 14 10 0s6 -10 10 0s6 6 10 0s6 -4 10 0h12", [14, 32]],
 };
 
@@ -30,6 +31,7 @@ const kinds = () => ({
   square: [t`Angle between two axes`, t`Lay a square on the table, its legs along the axes. Put the gauge into the spindle, at the corner of the first leg.`,
     t`Lay a square on the table, its legs along the axes. Bring the probe to the inner corner, a few mm from both legs.`],
   limits: [t`Limits by lost steps`, t`Take the tool and the work away. The axis homes, then goes out and back ever faster over most of its travel. Its limit switch shows lost steps.`],
+  shaking: [t`Modes by the accelerometer of the board`, t`Fix the accelerometer to the tool or the table. The axis makes short quick moves, up to 5.5 mm, with rests of 0.7 s.`],
   ringing: [t`Modes of a frame that rings`, t`Choose the record of an accelerometer: times and accelerations, with taps or short quick moves and rests of 0.5 s. Nothing moves.`],
 });
 
@@ -40,6 +42,7 @@ function fields(kind, probes) {
   const contacts = [["reach", t`longest way to a face, mm`, 10], ["contacts", t`contacts of a place`, 5, "integer"], ["contact_feed", t`speed of a first contact, mm/min`, 100]];
   const axis = ["axis", t`axis`, axes[0], axes.map(letter => [letter, letter.toUpperCase()])];
   if (kind === "limits") return [axis, ["most", t`highest factor of the limits in the machine file`, 2]];
+  if (kind === "shaking") return [axis];
   if (kind === "ringing") return [["record", t`record (csv)`, "", "file"]];
   if (kind === "backlash") {
     return probes ? [axis, ["touch", t`direction of the touches`, "y+", axes.flatMap(of)], ["repeats", t`reversals`, 3, "integer"], ...contacts]
@@ -135,7 +138,7 @@ async function order() {
     if (kind === "pitch") probe.touch = body.axis + probe.touch;
     body.probe = probe;
   }
-  await post(`measure/${kind}`, body);
+  await post(`measure/${kind === "shaking" ? "ringing" : kind}`, body);
 }
 
 /** Show the last measurement. */

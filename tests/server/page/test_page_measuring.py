@@ -149,11 +149,11 @@ def test_each_measurement_has_its_form_with_a_picture(browser, address):
     take(page)
     open_part(page, "setup")
     forms = []
-    for kind in ("backlash", "pitch", "square", "limits", "ringing"):
+    for kind in ("backlash", "pitch", "square", "limits", "shaking", "ringing"):
         page.select_option("#measure-kind", kind)
         for method in ("gauge", "probe"):
             if not page.locator("#measure-method").is_visible():
-                assert kind in ("limits", "ringing")
+                assert kind in ("limits", "shaking", "ringing")
             else:
                 page.select_option("#measure-method", method)
             expect(page.locator("#measure-sketch .sketch")).to_be_visible()
@@ -161,7 +161,7 @@ def test_each_measurement_has_its_form_with_a_picture(browser, address):
             assert targets(page) == []
             page.locator("#measure-form").scroll_into_view_if_needed()
             picture(page, f"measure-form-{kind}-{method}")
-    assert len(set(forms)) == 8
+    assert len(set(forms)) == 9
     # A record is read, and what is no record is refused with a reason.
     page.set_input_files(
         "#measure-fields [name=record]",
