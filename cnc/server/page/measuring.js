@@ -78,10 +78,12 @@ function showForm() {
   const kind = element("measure-kind").value, texts = kinds()[kind], probes = texts.length > 2 && element("measure-method").value === "probe";
   element("measure-method-field").hidden = texts.length < 3;
   element("measure-sketch").replaceChildren(sketch(...SKETCHES[texts.length > 2 ? `${kind} ${probes ? "probe" : "gauge"}` : kind]));
+  element("measure-begin").dataset.needs = kind === "ringing" ? "link control" : "link control board idle unlocked";
   element("measure-help").textContent = texts[probes ? 2 : 1];
   element("measure-fields").replaceChildren(...fields(kind, probes).map(field));
   element("measure-fields").querySelector("[name=axis]")?.addEventListener("change", places);
   places();
+  needs();
 }
 
 function field([name, text, value, kind = "number"]) {
