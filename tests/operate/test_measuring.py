@@ -1,9 +1,11 @@
 """Guided measurements of a session, on a machine whose motors move a tool with errors."""
 
+import numpy as np
 import pytest
 
+from cnc.boards.protocols import Accelerations
 from cnc.machine.load import load_machine
-from cnc.measure.orders import Backlash, Pitch, Square, TouchProbe
+from cnc.measure.orders import Backlash, Pitch, Ringing, Square, TouchProbe
 from cnc.model.diagnostics import BoardError, Diagnostic, UsageError
 from cnc.operate.measuring import Moves
 from cnc.operate.operator_session import OperatorSession
@@ -212,3 +214,72 @@ def test_a_simulated_board_has_no_probe(paced):
     order = Backlash(axis="x", probe=TouchProbe(touch="Y-"))
     with pytest.raises(UsageError, match="a simulated board has no probe"):
         paced.measure(order, Moves()).result(PATIENCE)
+
+
+RATE = 1000.0
+
+
+class Sensor:
+    """An accelerometer at a tool that rings after each move, written from the formula of a decay.
+
+    A sample is taken for each millisecond of a rest; between them the axis moves, which is noise.
+    """
+
+    def __init__(self, frequency, damping):
+        self.frequency, self.damping, self.calls = frequency, damping, []
+
+    def begin(self):
+        self.calls.append("begin")
+
+    def mark(self):
+        self.calls.append("mark")
+
+    def end(self):
+        self.calls.append("end")
+        rests = self.calls.count("mark") // 2
+        t = np.arange(700) / RATE
+        w = 2.0 * np.pi * self.frequency
+        wave = np.exp(-self.damping * w * t) * np.cos(w * (1.0 - self.damping**2) ** 0.5 * t)
+        moves = np.random.default_rng(5).normal(0.0, 3.0, 50)
+        rest = [np.zeros(700), *([wave] * (rests - 1))]
+        column = 9.81 + np.concatenate([np.concatenate((part, moves)) for part in rest])
+        marks = tuple(750 * k + end for k in range(rests) for end in (0, 700))
+        return Accelerations(RATE, {"x": column, "y": 0.0 * column}, marks)
+
+
+def test_an_axis_is_shaken_and_its_rests_show_the_mode(bench, monkeypatch):
+    monkeypatch.setattr("cnc.measure.ringing.REST", 0.01)
+    sensor = Sensor(33.0, 0.04)
+    type(bench.board).accelerometer = sensor
+    places = []
+
+    def mark():
+        sensor.calls.append("mark")
+        places.append(round(bench.state.machine["x"] - PLAY / 2.0, 2))
+
+    sensor.mark = mark
+    measured = bench.measure(Ringing(axis="X"), Moves()).result(PATIENCE)
+    (mode,) = measured.modes
+    assert mode.axis == "x"
+    assert mode.frequency == pytest.approx(33.0, rel=0.001)
+    assert mode.damping == pytest.approx(0.04, rel=0.02)
+    assert measured.keys == {}
+    ways = [0.8, 1.3, 2.1, 3.4, 5.5]
+    assert places == [0.0, 0.0, *(at for way in ways for at in (way, way, 0.0, 0.0))]
+    assert (sensor.calls[0], sensor.calls[-1], sensor.calls.count("end")) == ("begin", "end", 1)
+    assert is_compensated(bench)
+
+
+def test_a_stop_ends_the_record(bench):
+    sensor = type(bench.board).accelerometer = Sensor(33.0, 0.04)
+    future = bench.measure(Ringing(axis="x"), Moves())
+    wait_until(lambda: sensor.calls.count("mark") >= 3)
+    bench.stop()
+    assert future.result(PATIENCE) is None
+    assert sensor.calls[-1] == "end"
+
+
+def test_a_board_without_an_accelerometer_moves_nothing(bench):
+    with pytest.raises(UsageError, match="the board has no accelerometer"):
+        bench.measure(Ringing(axis="x"), Moves()).result(PATIENCE)
+    assert bench.board.rows == 0

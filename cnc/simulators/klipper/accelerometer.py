@@ -11,11 +11,11 @@ A change of the speed is a jump of its speed. This is exact, whatever the time b
 from __future__ import annotations
 
 import math
+import random
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from typing import NamedTuple
-
-import numpy as np
 
 from cnc.boards.klipper.accelerometer import (
     BLOCK,
@@ -68,15 +68,20 @@ class _Spring:
 
     def step(self, jump: float, seconds: float) -> float:
         """Change the speed of the foot by ``jump``, pass time; return u'', mm/s^2."""
-        w, d = 2.0 * math.pi * self.mode.frequency, self.mode.damping
-        self.speed -= jump
-        damped = w * math.sqrt(1.0 - d * d)
-        decay = math.exp(-d * w * seconds)
-        c, s = math.cos(damped * seconds), math.sin(damped * seconds) / damped
-        way, speed = self.way, self.speed
+        w, d, c, s, decay = _free(self.mode, seconds)
+        way, speed = self.way, self.speed - jump
         self.way = decay * (way * (c + d * w * s) + speed * s)
         self.speed = decay * (speed * (c - d * w * s) - way * w * w * s)
         return -2.0 * d * w * self.speed - w * w * self.way
+
+
+@cache
+def _free(mode: Mode, seconds: float) -> tuple[float, float, float, float, float]:
+    """Return w and d of a mode, and cosine, sine over damped frequency, and decay after a time."""
+    w, d = 2.0 * math.pi * mode.frequency, mode.damping
+    damped = w * math.sqrt(1.0 - d * d)
+    phase = damped * seconds
+    return w, d, math.cos(phase), math.sin(phase) / damped, math.exp(-d * w * seconds)
 
 
 @dataclass(slots=True)
@@ -101,7 +106,7 @@ class AccelerometerModel(SpiDevice):
     powered: bool = True
     wrong: frozenset[int] = frozenset()
     _springs: list[list[_Spring]] = field(default_factory=list)
-    _dice: np.random.Generator = field(default_factory=lambda: np.random.default_rng(7))
+    _dice: random.Random = field(default_factory=lambda: random.Random(7))
     _seen: tuple[float, float, float] = (0.0, 0.0, 0.0)
     _speeds: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     _next: float = math.inf
@@ -151,21 +156,20 @@ class AccelerometerModel(SpiDevice):
         count = self.waiting(now)
         if not count:
             return b"", False
-        period, samples = self.period, []
+        period, samples = self.period, bytearray()
         speeds = [(b - a) / (count * period) for a, b in zip(self._seen, here, strict=True)]
         for number in range(count):
-            sample = []
+            units = []
             for k, springs in enumerate(self._springs):
-                jump = speeds[k] - self._speeds[k] if not number else 0.0
-                values = [spring.mode.share * spring.step(jump, period) for spring in springs]
-                sample.append(sum(values) + (G if k == 2 else 0.0))
-            samples.append(sample)
+                jump = 0.0 if number else speeds[k] - self._speeds[k]
+                value = self._dice.gauss(G if k == 2 else 0.0, self.noise)
+                for spring in springs:
+                    value += spring.mode.share * spring.step(jump, period)
+                units.append(min(max(round(value / SCALE), -MOST), MOST))
+            samples += self._packed(*units)
         self._seen, self._speeds = here, speeds
         self._next += count * period
-        noise = self._dice.normal(0.0, self.noise, (count, 3))
-        units = np.clip(np.rint((np.array(samples) + noise) / SCALE), -MOST, MOST).astype(int)
-        packed = b"".join(self._packed(*row) for row in units.tolist())
-        return packed, count > FIFO
+        return bytes(samples), count > FIFO
 
     def _packed(self, x: int, y: int, z: int) -> bytes:
         """Return the bytes of a sample, as the firmware packs them."""
