@@ -210,6 +210,33 @@ class FeasibilityCheck(Protocol):
         """
 
 
+class Accelerations(NamedTuple):
+    """A record of an accelerometer.
+
+    Attributes:
+        rate: Samples per second of this computer's time.
+        columns: Samples (n,) by axis, mm/s^2.
+        marks: Numbers of the samples at the calls of :meth:`Accelerometer.mark`.
+    """
+
+    rate: float
+    columns: dict[str, NDArray[np.float64]]
+    marks: tuple[int, ...] = ()
+
+
+class Accelerometer(Protocol):
+    """An accelerometer on a board, which records while the board moves or rests."""
+
+    def begin(self) -> None:
+        """Begin a record. BoardError ``accelerometer-fault`` if the sensor does not answer."""
+
+    def mark(self) -> None:
+        """Note the number of the present sample."""
+
+    def end(self) -> Accelerations:
+        """End the record. BoardError ``accelerometer-fault`` where samples were lost."""
+
+
 @dataclass(frozen=True, slots=True)
 class MotionState:
     """State of a board's motion.
@@ -303,6 +330,11 @@ class PulseSink(Board, Protocol):
 
     def probe_result(self) -> tuple[float, ...] | None:
         """Return the answer to the last probe after its motion; None if ``execute`` gave it."""
+        return None
+
+    @property
+    def accelerometer(self) -> Accelerometer | None:
+        """The accelerometer; None for a board without one."""
         return None
 
     def prepare_jog(self, feed: float) -> None:

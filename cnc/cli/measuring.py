@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
-from datetime import date
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, TypeVar
+from queue import SimpleQueue
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
@@ -19,19 +18,18 @@ from cnc.cli.keyboard import Keyboard
 from cnc.cli.operate_commands import TERMINAL, PortOption
 from cnc.cli.options import BoardOption, MachineOption, TerminalOptions, option
 from cnc.cli.signals import OperatorSignals, typed_line
-from cnc.model.diagnostics import CncError, Diagnostic, UsageError, printable
+from cnc.model.diagnostics import Diagnostic, UsageError, printable
 from cnc.model.operator_control import Control
 
 if TYPE_CHECKING:
     import cnc.cli.operating
-    from cnc.machine.compensation import ErrorPoint
     from cnc.machine.models import Machine
     from cnc.measure.limits import Strokes
-    from cnc.measure.probing import Face
-    from cnc.measure.procedures import Measured, Procedure, Scale
+    from cnc.measure.orders import Order, TouchProbe
+    from cnc.measure.procedures import Measured
+    from cnc.operate.events import Event
     from cnc.operate.operator_session import OperatorSession
 
-T = TypeVar("T")
 AxisArgument = Annotated[str, Parameter(help="The axis, such as X.")]
 BAR = 24
 """Columns of a bar on either side of 0."""
@@ -43,6 +41,18 @@ class MeasureOptions:
     """Options of all measurements."""
 
     yes: Annotated[bool, option("Write the machine file without a question.")] = False
+    machine: MachineOption = None
+    board: BoardOption = None
+    port: PortOption = None
+    terminal: TerminalOptions = TERMINAL
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class SensorOptions:
+    """Options of the accelerometer of a board."""
+
+    unhomed: Annotated[bool, option("Move although the machine is not homed.")] = False
     machine: MachineOption = None
     board: BoardOption = None
     port: PortOption = None
@@ -72,23 +82,15 @@ class ProbeOptions:
         float, option("With the probe: speed of a first contact, mm/min; four times slower then.")
     ] = 100.0
 
-    def face(self, towards: int = 1) -> Face:
-        """Return how faces are touched."""
-        from cnc.measure.probing import Face
+    def of_order(self, touch: str = "") -> TouchProbe | None:
+        """Return the probe of an order; None for a gauge."""
+        from cnc.measure.orders import TouchProbe
 
-        return Face(towards, self.reach, self.contacts)
-
-    def towards(self, text: str, example: str) -> tuple[str, Face]:
-        """Return the axis of a touch such as ``Y-``, and how it touches.
-
-        Raises:
-            UsageError: ``measure-option``.
-        """
-        if len(text) != 2 or text[1] not in "+-":
-            message = f"{printable(text)!r} is no direction of a touch"
-            hint = f"name the axis and its direction: --touch {example}"
-            raise UsageError(Diagnostic("measure-option", message, hint=hint))
-        return text[0].lower(), self.face(1 if text[1] == "+" else -1)
+        return (
+            TouchProbe(touch=touch, reach=self.reach, contacts=self.contacts)
+            if self.probe
+            else None
+        )
 
 
 @Parameter(name="*")
@@ -114,6 +116,7 @@ class FaceOptions:
 
 
 MEASURE, GAUGE, PROBE, FACES = MeasureOptions(), GaugeOptions(), ProbeOptions(), FaceOptions()
+SENSOR = SensorOptions()
 
 
 def backlash(
@@ -133,20 +136,10 @@ def backlash(
     The axis moves back and forth; readings are typed. Begin where the axis has room downwards.
     """
     cli.load_library()
-    from cnc.measure import probing, procedures
+    from cnc.measure.orders import Backlash
 
-    if with_probe.probe:
-        other, face = with_probe.towards(touch, "Y-")
-
-        def begin_probe(scales: Sequence[Scale]) -> Procedure:
-            return probing.backlash(scales[0], scales[1], face, repeats=repeats)
-
-        return _measure([axis, other], begin_probe, on_board, with_probe)
-
-    def begin(scales: Sequence[Scale]) -> Procedure:
-        return procedures.backlash(scales[0], reverse=reverse, repeats=repeats)
-
-    return _measure([axis], begin, on_board)
+    order = Backlash(axis=axis, reverse=reverse, repeats=repeats, probe=with_probe.of_order(touch))
+    return _measure(order, on_board, with_probe)
 
 
 def pitch(
@@ -167,35 +160,20 @@ def pitch(
     touches faces at known distances, each from the same direction.
     """
     cli.load_library()
-    from cnc.measure import probing, procedures
+    from cnc.measure.orders import Pitch
 
-    if with_probe.probe:
-        touching, face = with_probe.towards(at_faces.touch, f"{axis.upper()}-")
-        if touching != axis.lower():
-            message = f"the faces are touched along {axis.upper()}, not along {touching.upper()}"
-            hint = f"--touch {axis.upper()}- or {axis.upper()}+"
-            raise UsageError(Diagnostic("measure-option", message, hint=hint))
-        upright = "y" if touching == "z" else "z"
-
-        def begin_probe(scales: Sequence[Scale]) -> Procedure:
-            return probing.pitch(
-                scales[0],
-                scales[1],
-                face,
-                faces=at_faces.faces,
-                lift=at_faces.lift,
-                blocks=at_faces.blocks,
-            )
-
-        return _measure([axis, upright], begin_probe, on_board, with_probe, needs_home=True)
-    if first is None or last is None:
-        message, hint = "the places are not given", "such as --first 0 --last 300 --places 31"
-        raise UsageError(Diagnostic("measure-option", message, hint=hint))
-
-    def begin(scales: Sequence[Scale]) -> Procedure:
-        return procedures.pitch(scales[0], first=first, last=last, places=places, both=both)
-
-    return _measure([axis], begin, on_board, needs_home=True)
+    order = Pitch(
+        axis=axis,
+        first=first,
+        last=last,
+        places=places,
+        both=both,
+        faces=at_faces.faces,
+        lift=at_faces.lift,
+        blocks=at_faces.blocks,
+        probe=with_probe.of_order(at_faces.touch),
+    )
+    return _measure(order, on_board, with_probe)
 
 
 def square(
@@ -221,26 +199,17 @@ def square(
     two places on each leg; it begins at the corner.
     """
     cli.load_library()
-    from cnc.measure import probing, procedures
+    from cnc.measure.orders import Square
 
-    if axes.lower() not in ("xy", "xz", "yz"):
-        message = f"{printable(axes)} is no pair of axes"
-        raise UsageError(Diagnostic("measure-axis", message, hint="the pairs are XY, XZ, YZ"))
-
-    def begin(scales: Sequence[Scale]) -> Procedure:
-        pair = scales[0], scales[1]
-        if with_probe.probe:
-            return probing.square(
-                pair, with_probe.face(), lengths=lengths, outside=outside, turned=not once
-            )
-        return procedures.square(
-            pair,
-            lengths=lengths,
-            points_to_plus=plunger == "plus",
-            turned=not once,
-        )
-
-    return _measure(list(axes), begin, on_board, with_probe)
+    order = Square(
+        axes=axes,
+        lengths=lengths,
+        points_to_plus=plunger == "plus",
+        turned=not once,
+        outside=outside,
+        probe=with_probe.of_order(),
+    )
+    return _measure(order, on_board, with_probe)
 
 
 def limits(
@@ -283,107 +252,136 @@ def limits(
 
 
 def _strokes(step: Strokes) -> str:
-    velocity, acceleration, jerk = map(max, step.out, step.back)
-    numbers = f"{velocity:.4g} mm/s, {acceleration:.4g} mm/s^2"
-    return numbers if jerk == math.inf else f"{numbers}, {jerk:.4g} mm/s^3"
+    from cnc.operate.measuring import strokes
+
+    return strokes(step)
 
 
 def ringing(
-    record: Annotated[str, Parameter(help="A csv file: times, s, and accelerations.")],
+    record: Annotated[
+        str, Parameter(help="A csv file: times, s, and accelerations. Or an axis, such as X.")
+    ],
     /,
     *,
-    terminal: TerminalOptions = TERMINAL,
+    accelerometer: Annotated[
+        bool, option("Move the axis, and record with the accelerometer of the board.")
+    ] = False,
+    on_board: SensorOptions = SENSOR,
 ) -> int:
-    """Find the modes of a frame that rings in the record of an accelerometer; nothing moves.
+    """Find the modes of a frame that rings, in the record of an accelerometer.
 
-    Record taps on the frame, or short quick moves with rests of 0.5 s.
+    Record taps on the frame, or short quick moves with rests of 0.5 s. With the accelerometer of a
+    Klipper board the axis makes such moves itself, up to 5.5 mm.
     """
-    terminal.open_log(record)
+    if accelerometer:
+        return _shake(record, on_board)
+    given = (on_board.machine, on_board.board, on_board.port)
+    if any(value is not None for value in given) or on_board.unhomed:
+        message, hint = "nothing moves for a record", "add --accelerometer, or leave the board out"
+        raise UsageError(Diagnostic("measure-option", message, hint=hint))
+    on_board.terminal.open_log(record)
     cli.load_library()
     from cnc.measure import ringing as records
+    from cnc.measure.machine_file import NO_KEYS
 
-    rate, columns = records.read_record(Path(record))
-    found = {letter: records.modes(samples, rate) for letter, samples in columns.items()}
+    rate, columns, _ = records.read_record(Path(record))
+    modes = {letter: records.modes(samples, rate) for letter, samples in columns.items()}
     print(f"{rate:.0f} samples a second")
-    for letter, modes in found.items():
-        for mode in modes:
-            numbers = f"{mode.frequency:7.2f} Hz, damping {mode.damping:.3f}"
-            print(f"{letter.upper()}  {numbers}, {100.0 * mode.share:.0f} % of the energy")
-    print("the machine file has no keys for modes: use the numbers for an input shaper")
+    for letter, of_axis in modes.items():
+        for mode in of_axis:
+            _show_mode(letter, *mode)
+    print(NO_KEYS)
     return 0
 
 
-def _measure(
-    axes: Sequence[str],
-    begin: Callable[[Sequence[Scale]], Procedure],
-    on: GaugeOptions,
-    probe: ProbeOptions = PROBE,
-    *,
-    needs_home: bool = False,
-) -> int:
-    """Carry out a procedure, show its result, and write its keys."""
+def _shake(axis: str, on: SensorOptions) -> int:
+    """Record short quick moves of an axis, and print the modes."""
+    on.terminal.open_log(on.machine)
+    cli.load_library()
+    from cnc.measure.machine_file import NO_KEYS
+    from cnc.measure.orders import Ringing
+    from cnc.operate import measuring
+
+    order = Ringing(axis=axis)
+    plain = measuring.measured_machine(cnc.load_machine(on.machine), order)
+    with cli.operating.connected(plain, on.board, on.port) as (session, signals):
+        moves = measuring.Moves(unhomed=on.unhomed)
+        measured = _answered(session, signals, session.measure(order, moves))
+    print(printable(measured.title), printable(f"  {measured.remark}"), sep="\n")
+    for mode in measured.modes:
+        _show_mode(*mode)
+    print(NO_KEYS)
+    return 0
+
+
+def _show_mode(letter: str, frequency: float, damping: float, share: float) -> None:
+    numbers = f"{frequency:7.2f} Hz, damping {damping:.3f}"
+    print(f"{letter.upper()}  {numbers}, {100.0 * share:.0f} % of the energy")
+
+
+def _measure(order: Order, on: GaugeOptions, probe: ProbeOptions) -> int:
+    """Carry out an order, show its result, and write its keys."""
     from cnc.boards.registry import board_factory
     from cnc.model.units import per_second
     from cnc.operate import measuring
 
     on.terminal.open_log(on.machine)
-    given, letters = cnc.load_machine(on.machine), [axis.lower() for axis in axes]
-    if probe.probe and board_factory(on.board or given.board.kind).traits.simulated:
-        message, hint = "a simulated board has no probe that touches a face", "name a real board"
-        raise UsageError(Diagnostic("measure-board", message, hint=hint))
-    if probe.probe and given.kind == "lathe":
-        message, hint = "the probe measures along X, not across a diameter", "use a gauge"
-        raise UsageError(Diagnostic("measure-option", message, hint=hint))
-    # A touch needs an axis that rests while another one moves.
-    apart = {letter for letter in given.axes if letter in measuring.LINEAR} if probe.probe else ()
-    plain = measuring.uncompensated(given, {*letters, *apart}, square=len(letters) > 1)
+    given = cnc.load_machine(on.machine)
+    plain = measuring.measured_machine(given, order)
+    if order.probe is not None and board_factory(on.board or given.board.kind).traits.simulated:
+        raise measuring.no_probe()
     feed = None if on.feed is None else per_second(on.feed)
     with cli.operating.connected(plain, on.board, on.port) as (session, signals):
-        for letter in letters if needs_home else ():
-            if not session.state.homed.get(letter, True):
-                message = f"{letter.upper()} is not homed: the table is for places of the machine"
-                raise UsageError(Diagnostic("measure-axis", message, hint="run cncrun home first"))
-        scales = [measuring.scale_of(session, letter) for letter in letters]
-        measured = measuring.carried_out(
-            begin(scales),
-            session,
-            _AtTerminal(session, signals),
-            measuring.Moves(feed, probe.contact_feed, on.unhomed),
-        )
+        moves = measuring.Moves(feed, probe.contact_feed, on.unhomed)
+        measured = _answered(session, signals, session.measure(order, moves))
     _show(measured)
     _write(measured, given, yes=on.yes)
     return 0
 
 
-class _AtTerminal:
-    """The operator at the terminal."""
+def _answered(
+    session: OperatorSession, control: Control, future: Future[Measured | None]
+) -> Measured:
+    """Answer the questions of a measurement until its end.
 
-    def __init__(self, session: OperatorSession, control: Control) -> None:
-        self._session, self._control = session, control
+    Raises:
+        KeyboardInterrupt: The operator stopped the machine.
+        CncError: As the measurement, and ``reading-missing`` at the end of input.
+    """
+    from cnc.operate.events import Dialog
 
-    def wait(self, future: Future[T]) -> T:
-        """Return a result. KeyboardInterrupt where the operator stops the machine."""
-        try:
-            result = cli.operating.waited(self._session, self._control, future)
-        except CncError:
-            if self._control.stopped:
-                raise KeyboardInterrupt from None
-            raise
-        if self._control.stopped:
-            raise KeyboardInterrupt
-        return result
+    events: SimpleQueue[Event | None] = SimpleQueue()
+    session.listen(events.put)
+    if session.dialog is not None:
+        events.put(session.dialog)
+    future.add_done_callback(lambda _: events.put(None))
+    answered = 0
+    while (event := events.get()) is not None:
+        if control.stopped:
+            session.stop()
+        elif isinstance(event, Dialog) and event.id > answered:
+            answered = event.id
+            number = _read(event.text, control) if event.kind == "reading" else None
+            if event.kind == "todo":
+                _let_do(event.text, control)
+            session.answer(event.id, True, number)
+    error = future.exception()
+    measured = None if error is not None else future.result()
+    if control.stopped or (measured is None and error is None):
+        raise KeyboardInterrupt
+    if error is not None:
+        raise error
+    assert measured is not None
+    return measured
 
-    def read(self, text: str) -> float:
-        """Return a number that is typed."""
-        return _read(text, self._control)
 
-    def let_do(self, text: str) -> None:
-        """Wait for a line."""
-        print(text, "then press Enter: ", sep="\n", end="", file=sys.stderr, flush=True)
-        if not typed_line(self._control):
-            print(file=sys.stderr)
-            hint = "answer at the terminal, or give an empty line on standard input"
-            raise UsageError(Diagnostic("reading-missing", f"no answer to: {text}", hint=hint))
+def _let_do(text: str, control: Control) -> None:
+    """Wait for a line. UsageError ``reading-missing`` at the end of input."""
+    print(text, "then press Enter: ", sep="\n", end="", file=sys.stderr, flush=True)
+    if not typed_line(control):
+        print(file=sys.stderr)
+        hint = "answer at the terminal, or give an empty line on standard input"
+        raise UsageError(Diagnostic("reading-missing", f"no answer to: {text}", hint=hint))
 
 
 def _read(text: str, control: Control) -> float:
@@ -416,62 +414,37 @@ def _show(measured: Measured) -> None:
     """Print the result and its picture."""
     print(printable(measured.title))
     print(printable(f"  {measured.remark}"))
-    largest = max((max(abs(row.before), abs(row.after)) for row in measured.rows), default=0.0)
-    width = max((len(row.name) for row in measured.rows), default=0)
+    bars = measured.bars
+    width = max((len(bar.name) for bar in bars), default=0)
     print(f"  {'error, mm':{width}}  {'before':^{2 * BAR + 10}}{'after':^{2 * BAR + 10}}")
-    for row in measured.rows:
-        print(f"  {row.name:{width}}  {_bar(row.before, largest)}{_bar(row.after, largest)}")
+    for name, before, after, *parts in bars:
+        print(f"  {name:{width}}  {_bar(before, parts[0])}{_bar(after, parts[1])}")
 
 
-def _bar(value: float, largest: float) -> str:
+def _bar(value: float, part: float) -> str:
     """Return a number with a bar to the left or right of 0."""
-    length = round(BAR * abs(value) / largest) if largest else 0
-    left, right = ("#" * length, "") if value < 0.0 else ("", "#" * length)
+    length = round(BAR * abs(part))
+    left, right = ("#" * length, "") if part < 0.0 else ("", "#" * length)
     return f"{value:+8.4f} {left:>{BAR}}|{right:{BAR}}"
 
 
 def _write(measured: Measured, machine: Machine, *, yes: bool) -> None:
     """Show the change of the machine file, ask, and write it. Without a file, name the keys."""
-    from cnc.machine.load import shipped_machines
     from cnc.measure import machine_file
-    from cnc.session.required_capabilities import takes_lines
 
-    name, file = machine.file, Path(machine.file).resolve()  # a link stays one
-    keys = dict(measured.keys)
-    remark = f"measured {date.today().isoformat()}: {measured.remark}"
-    table = None
-    for path in keys:
-        if path[-1] == "error_table":
-            table = file.with_name(f"{file.stem}-{path[1]}-errors.csv")
-            keys[path] = table.name
-    steps = [f"{'.'.join(path)} = {value}" if value is not None else f"no {'.'.join(path)}"
-             for path, value in keys.items()]  # fmt: skip
-    if not name or not file.is_file() or name in map(str, shipped_machines().values()):
-        print("write into a machine file of your own:", *steps, sep="\n  ")
-        if table is not None:
-            print(f"and into {table.name}:", _csv(measured.table, remark), sep="\n")
+    change = machine_file.Change.of(measured, machine)
+    if change.refusal:
+        print(printable(change.refusal), *(f"  {step}" for step in change.steps), sep="\n")
+        if change.table is not None:
+            print(f"and into {change.table.name}:", change.rows, sep="\n")
         return
-    if takes_lines(machine.board.kind):
-        print(f"nothing was written: the board {machine.board.kind} plans by itself, so errors of")
-        print("the machine are not compensated there. For a board that plays pulses it would be:")
-        print(*steps, sep="\n")
-        return
-    before = file.read_bytes().decode()  # with the ends of its lines
-    after = machine_file.changed_text(before, keys, remark)
-    if table is not None:
-        steps.append(f"{table} with {len(measured.table)} rows")
+    change.new_text()
     with Keyboard(Control()) as asked:
-        if not asked.confirm([f"change in {file}:", *steps], yes=yes):
+        if not asked.confirm([f"change in {change.file}:", *change.steps], yes=yes):
             print("nothing was written")
             return
-    tables = {} if table is None else {table: _csv(measured.table, remark)}
-    machine_file.write(file, after, tables)
-    print(printable(f"written to {file}"), "home the machine before it runs again", sep="\n")
+    change.write()
+    written = printable(f"written to {change.file}")
+    print(written, "home the machine before it runs again", sep="\n")
     if machine.error_map is not None and measured.is_of_place:
         print("machine.error_map was measured with the values before: measure it again")
-
-
-def _csv(table: Sequence[ErrorPoint], remark: str) -> str:
-    """Return the text of an error table."""
-    rows = (f"{row.place:g},{row.forward:g},{row.reverse:g}" for row in table)
-    return "\n".join([f"# {remark}", "position,forward_error,reverse_error", *rows, ""])

@@ -181,6 +181,36 @@ class KlipperSpindle(Section):
     )
 
 
+AXES_OF_SENSOR = frozenset(sign + axis for axis in "xyz" for sign in ("", "-"))
+
+
+def _axes_map(axes: tuple[str, ...]) -> tuple[str, ...]:
+    if not AXES_OF_SENSOR.issuperset(axes) or {axis[-1] for axis in axes} != set("xyz"):
+        raise ValueError(
+            'must have x, y and z once, each with or without -, such as ["y", "-x", "z"]'
+        )
+    return axes
+
+
+class Accelerometer(Section):
+    """An ADXL345 at the tool or the table, on an SPI bus of the board."""
+
+    select: OutputPin = Field(description="Pin of its chip select (CS).")
+    spi_bus: str = Field(default="", description="Name of the SPI bus; by default the first one.")
+    axes_map: Annotated[
+        tuple[str, ...],
+        BeforeValidator(as_tuple),
+        Field(min_length=3, max_length=3),
+        AfterValidator(_axes_map),
+    ] = Field(
+        default=("x", "y", "z"),
+        description="The axis of the sensor along X, Y and Z of the machine, such as -z.",
+    )
+    rate: Literal[400, 800, 1600, 3200] = Field(
+        default=3200, description="Samples per second; a serial line needs a lower rate."
+    )
+
+
 class KlipperBoard(Section):
     """A Klipper board: its pins, motor drivers and tolerances."""
 
@@ -215,6 +245,9 @@ class KlipperBoard(Section):
     emergency_stop: InputPin | None = Field(
         default=None, description="Pin of the e-stop, which is high when it is pressed."
     )
+    accelerometer: Accelerometer | None = Field(
+        default=None, description="An ADXL345, for cncrun measure ringing."
+    )
 
     def axis(self, letter: str) -> KlipperAxis | None:
         """Return the motors of an axis, or of a joint with such a name."""
@@ -244,6 +277,8 @@ class KlipperBoard(Section):
             pin = getattr(self, name)
             if pin is not None:
                 yield (name,), name, pin
+        if self.accelerometer is not None:
+            yield ("accelerometer", "select"), "accelerometer", self.accelerometer.select
 
     def inconsistencies(self, axes: Mapping[str, int]) -> Iterator[Inconsistency]:
         """Yield the contradictions between keys.

@@ -12,17 +12,101 @@ import re
 import shutil
 import tempfile
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import date
 from pathlib import Path
 from typing import Any
 
-from cnc.machine.load import machine_of_text
+from cnc.machine.compensation import ErrorPoint
+from cnc.machine.load import machine_of_text, shipped_machines
+from cnc.machine.models import Machine
+from cnc.measure.procedures import Measured
 from cnc.model.diagnostics import Diagnostic, UsageError
+from cnc.session.required_capabilities import takes_lines
 
+NO_KEYS = "the machine file has no keys for modes: use the numbers for an input shaper"
 Path_ = tuple[str, ...]
 Value = float | str | None
 _HEADER = re.compile(r"\s*\[\s*([\w.\s\"'-]+?)\s*\]\s*(#.*)?")
 _ANY_HEADER = re.compile(r"\s*\[")
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """The change of a machine file by a measurement.
+
+    Attributes:
+        file: The machine file.
+        keys: Values by the path of their keys; None takes a key away.
+        remark: The comment behind the new values.
+        table: The file of the error table that a key names; None without one.
+        rows: Its text.
+        refusal: Why nothing is written, with what to do; "" where it can be written.
+    """
+
+    file: Path
+    keys: Mapping[Path_, Value]
+    remark: str
+    table: Path | None
+    rows: str
+    refusal: str
+
+    @classmethod
+    def of(cls, measured: Measured, machine: Machine) -> Change:
+        """Return the change by a measurement of a machine."""
+        file = Path(machine.file).resolve()  # a link stays one
+        keys, table = dict(measured.keys), None
+        remark = f"measured {date.today().isoformat()}: {measured.remark}"
+        for path in keys:
+            if path[-1] == "error_table":
+                table = file.with_name(f"{file.stem}-{path[1]}-errors.csv")
+                keys[path] = table.name
+        shipped = map(str, shipped_machines().values())
+        refusal = ""
+        if not keys:
+            refusal = NO_KEYS if measured.modes else "the machine file stays as it is"
+        elif not machine.file or not file.is_file() or machine.file in shipped:
+            refusal = "write into a machine file of your own:"
+        elif takes_lines(machine.board.kind):
+            refusal = (
+                f"nothing was written: the board {machine.board.kind} plans by itself, so errors "
+                "of\nthe machine are not compensated there. For a board that plays pulses it would "
+                "be:"
+            )
+        return cls(file, keys, remark, table, _csv(measured.table, remark), refusal)
+
+    @property
+    def steps(self) -> list[str]:
+        """What is changed."""
+        steps = [
+            f"{'.'.join(path)} = {value}" if value is not None else f"no {'.'.join(path)}"
+            for path, value in self.keys.items()
+        ]
+        if self.table is not None and not self.refusal:
+            # Without the comment and the heading.
+            steps.append(f"{self.table} with {self.rows.count(chr(10)) - 2} rows")
+        return steps
+
+    def new_text(self) -> str:
+        """Return the new text of the machine file. UsageError ``machine-file-form``."""
+        before = self.file.read_bytes().decode()  # with the ends of its lines
+        return changed_text(before, self.keys, self.remark)
+
+    def write(self) -> None:
+        """Write the machine file and the table, see :func:`write`.
+
+        Raises:
+            UsageError: ``machine-file-form``, ``can-not-write``.
+            MachineFileError: As :func:`cnc.machine.load.load_machine`, for the new text.
+        """
+        write(self.file, self.new_text(), {} if self.table is None else {self.table: self.rows})
+
+
+def _csv(table: Sequence[ErrorPoint], remark: str) -> str:
+    """Return the text of an error table."""
+    rows = (f"{row.place:g},{row.forward:g},{row.reverse:g}" for row in table)
+    return "\n".join([f"# {remark}", "position,forward_error,reverse_error", *rows, ""])
 
 
 def changed_text(text: str, changes: Mapping[Path_, Value], remark: str) -> str:

@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from cnc.boards.protocols import Accelerations
 from cnc.machine.compensation import ErrorPoint, TableError, screw, table_faults
 from cnc.model.diagnostics import Diagnostic, UsageError
 
@@ -64,6 +65,23 @@ class Touch(NamedTuple):
     contacts: int = 5
 
 
+class Shake(NamedTuple):
+    """A step: move an axis there and back with rests, while the accelerometer records.
+
+    The record has a mark at the begin and at the end of each rest; the first rest is before the
+    first move.
+
+    Attributes:
+        axis: Its letter.
+        ways: The ways there, mm.
+        rest: The time of a rest, s.
+    """
+
+    axis: str
+    ways: tuple[float, ...]
+    rest: float
+
+
 class Todo(NamedTuple):
     """A step: let the operator do something, and wait.
 
@@ -84,9 +102,10 @@ class Reading(NamedTuple):
     text: str
 
 
-Step = GoTo | Reading | Touch | Todo
-Answer = float | tuple[float, ...]
-"""The reading, or machine places of contacts, mm; after other steps it does not count."""
+Step = GoTo | Reading | Shake | Touch | Todo
+Answer = float | tuple[float, ...] | Accelerations
+"""The reading, mm; machine places of contacts, mm; the record of a shake; after other steps it does
+not count."""
 Procedure = Generator[Step, Any, "Measured"]
 
 
@@ -104,6 +123,40 @@ class Row(NamedTuple):
     after: float
 
 
+class Bar(NamedTuple):
+    """A line of the picture with its bars.
+
+    Attributes:
+        name: As of the row.
+        before: As of the row, mm.
+        after: As of the row, mm.
+        before_part: Length of its bar, -1 to 1: 1 is the largest error of all rows.
+        after_part: Length of the other bar.
+    """
+
+    name: str
+    before: float
+    after: float
+    before_part: float
+    after_part: float
+
+
+class AxisMode(NamedTuple):
+    """A mode of the frame that an axis excites.
+
+    Attributes:
+        axis: Its letter.
+        frequency: Hz, undamped.
+        damping: Part of the critical damping.
+        share: Its part of the energy of the decays.
+    """
+
+    axis: str
+    frequency: float
+    damping: float
+    share: float
+
+
 @dataclass(frozen=True, slots=True)
 class Measured:
     """A result.
@@ -115,6 +168,7 @@ class Measured:
         keys: Values of the machine file by their path, such as ("axes", "x", "backlash"); None
             for a key that goes.
         table: Rows of the error table that a key names; none without such a key.
+        modes: Modes of the frame.
     """
 
     title: str
@@ -122,6 +176,14 @@ class Measured:
     rows: tuple[Row, ...]
     keys: Mapping[tuple[str, ...], float | str | None]
     table: tuple[ErrorPoint, ...] = field(default=())
+    modes: tuple[AxisMode, ...] = field(default=())
+
+    @property
+    def bars(self) -> list[Bar]:
+        """The picture, for the terminal and the console."""
+        largest = max((max(abs(row.before), abs(row.after)) for row in self.rows), default=0.0)
+        unit = largest or 1.0
+        return [Bar(*row, row.before / unit, row.after / unit) for row in self.rows]
 
     @property
     def is_of_place(self) -> bool:

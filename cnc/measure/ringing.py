@@ -21,6 +21,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cnc.boards.protocols import Accelerations
+from cnc.measure.procedures import AxisMode, Measured, Procedure, Scale, Shake
 from cnc.model.diagnostics import Diagnostic, UsageError
 
 Floats = NDArray[np.float64]
@@ -58,6 +60,11 @@ LEAST_RATE, MOST_SAMPLES = 100.0, 2_000_000
 """Samples a second, and in a record."""
 JITTER = 0.5
 """Part of the mean time between two samples by which one may differ."""
+WAYS, REST = (0.8, 1.3, 2.1, 3.4, 5.5), 0.7
+"""Ways there and back, mm, and the rests between them, s. The ways differ, since a move whose
+phases last whole periods of a mode does not excite it."""
+ENOUGH = 800.0
+"""Samples a second to which a faster record is averaged: less noise."""
 _LETTER = re.compile(r"(?:^|[^a-z])(?:a|acc(?:el(?:eration)?)?)?[ _]?([xyz])(?:$|[^a-z])")
 
 
@@ -75,19 +82,7 @@ class Mode(NamedTuple):
     share: float
 
 
-class Record(NamedTuple):
-    """A record of an accelerometer.
-
-    Attributes:
-        rate: Samples a second.
-        columns: Samples by axis, or by the number of the column.
-    """
-
-    rate: float
-    columns: dict[str, Floats]
-
-
-def read_record(file: Path) -> Record:
+def read_record(file: Path) -> Accelerations:
     """Return the record of a csv file: a column of times, s, and columns of accelerations.
 
     Separators may be commas, semicolons or tabs. A heading names the columns (``ax``, ``accel_y``,
@@ -97,45 +92,96 @@ def read_record(file: Path) -> Record:
         UsageError: ``can-not-read``, ``record-form``.
     """
     try:
-        lines = file.read_text(encoding="utf-8-sig").splitlines()
+        text = file.read_text(encoding="utf-8-sig")
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
         raise UsageError(
             Diagnostic("can-not-read", f"{file} cannot be read: {reason}", hint="check the name")
         ) from error
+    return record_of(text, file.name)
+
+
+def record_of(text: str, name: str) -> Accelerations:
+    """Return the record of the text of a csv file, see :func:`read_record`.
+
+    Args:
+        text: The text.
+        name: Name of the file.
+
+    Raises:
+        UsageError: ``record-form``.
+    """
     rows: list[list[float]] = []
     heading: list[str] = []
-    for number, line in enumerate(lines, 1):
+    for number, line in enumerate(text.splitlines(), 1):
         separator = next((mark for mark in "\t;," if mark in line), ",")
         cells = [cell.strip() for cell in next(csv.reader([line], delimiter=separator), [])]
         try:
             rows.append([float(cell) for cell in cells if cell])
         except ValueError:
             if rows:
-                raise _form(f"line {number} of {file.name} has no numbers") from None
+                raise _form(f"line {number} of {name} has no numbers") from None
             heading = [cell.lstrip("#").strip().lower() for cell in cells]
         if len(rows) > MOST_SAMPLES:
-            raise _form(f"{file.name} has more than {MOST_SAMPLES} samples")
+            raise _form(f"{name} has more than {MOST_SAMPLES} samples")
     rows = [row for row in rows if row]
     if len(rows) < 2 or len(rows[0]) < 2 or any(len(row) != len(rows[0]) for row in rows):
-        raise _form(f"{file.name} is not a table of times and accelerations")
+        raise _form(f"{name} is not a table of times and accelerations")
     table = np.array(rows)
     time = table[:, 0] * (1e-3 if heading and re.search(r"\bms\b", heading[0]) else 1.0)
     steps = np.diff(time)
     if not np.isfinite(table).all() or steps.min() <= 0.0:
-        raise _form(f"the times of {file.name} do not rise")
+        raise _form(f"the times of {name} do not rise")
     mean = float(steps.mean())
     if 1.0 / mean < LEAST_RATE:
-        raise _form(f"{file.name} has {1.0 / mean:.0f} samples a second, fewer than {LEAST_RATE:g}")
+        raise _form(f"{name} has {1.0 / mean:.0f} samples a second, fewer than {LEAST_RATE:g}")
     if np.abs(steps - mean).max() > max(JITTER, 2.0 * mean) * mean and steps.max() > 4.0 * mean:
-        raise _form(f"{file.name} has gaps: {steps.max():.4f} s between two samples")
+        raise _form(f"{name} has gaps: {steps.max():.4f} s between two samples")
     even = time[0] + mean * np.arange(len(time))
     columns: dict[str, Floats] = {}
     for column in range(1, table.shape[1]):
         match = _LETTER.search(heading[column]) if column < len(heading) else None
         letter = match[1] if match else "xyz"[column - 1] if column < 4 else str(column)
         columns.setdefault(letter, np.interp(even, time, table[:, column]))
-    return Record(1.0 / mean, columns)
+    return Accelerations(1.0 / mean, columns)
+
+
+def shaken(scale: Scale) -> Procedure:
+    """Measure the modes that short quick moves of an axis excite, with the board's accelerometer.
+
+    Args:
+        scale: The axis.
+
+    Raises:
+        UsageError: ``measure-travel``, ``record-form`` where nothing rings out.
+    """
+    upwards = scale.travel[1] - scale.place >= max(WAYS)
+    ways = tuple(scale.whole(way if upwards else -way) for way in WAYS)
+    scale.check(*(scale.place + way for way in ways))
+    record = yield Shake(scale.letter, ways, REST)
+    samples, rate = rests(record, scale.letter)
+    found = tuple(AxisMode(scale.letter, *mode) for mode in modes(samples, rate))
+    listed = ", ".join(f"{mode.frequency:.2f} Hz" for mode in found)
+    title = f"modes along {scale.letter.upper()}: {listed}"
+    method = f"{len(ways)} moves there and back, {record.rate:.0f} samples a second"
+    return Measured(title, method, (), {}, modes=found)
+
+
+def rests(record: Accelerations, letter: str) -> tuple[Floats, float]:
+    """Return the samples of an axis while it rests, with silence between rests, and their rate.
+
+    The first rest shows what the sensor reads without motion, such as gravity.
+    """
+    column, marks = record.columns[letter], record.marks
+    count = max(int(record.rate / ENOUGH), 1)
+    rate = record.rate / count
+    parts = [
+        column[begin : end - (end - begin) % count].reshape(-1, count).mean(axis=1)
+        for begin, end in zip(marks[::2], marks[1::2], strict=True)
+    ]
+    silence, still = np.zeros(round(WINDOW * rate)), float(parts[0].mean())
+    joined = [half for part in parts[1:] for half in (part - still, silence)]
+    return np.concatenate(joined), rate
 
 
 def decays(samples: Floats, rate: float) -> list[Floats]:

@@ -19,7 +19,17 @@ from cnc.boards.protocols import Condition
 from cnc.model.diagnostics import Diagnostic, Severity
 
 Activity = Literal[
-    "none", "connect", "home", "jog", "mdi", "program", "probe", "settings", "unlock", "zero"
+    "none",
+    "connect",
+    "home",
+    "jog",
+    "mdi",
+    "measure",
+    "program",
+    "probe",
+    "settings",
+    "unlock",
+    "zero",
 ]
 """What occupies the machine."""
 MachineState = Literal["disconnected", Condition]
@@ -98,15 +108,16 @@ class Dialog:
     Attributes:
         id: Number of the question, for the answer.
         kind: tool: put in a tool (M6). stop: the program stops here (M0). restart: begin in the
-            middle of a program. door: the safety door.
-        text: The question.
+            middle of a program. door: the safety door. reading: a number of a measurement, mm.
+            todo: the operator does something for a measurement.
+        text: The question; the last line of a reading says what is read.
         steps: The steps to the start line, for ``restart``.
         approach: The places of these steps, mm: a number for each axis in the machine's order.
     """
 
     event: ClassVar[str] = "dialog"
     id: int
-    kind: Literal["tool", "stop", "restart", "door"]
+    kind: Literal["tool", "stop", "restart", "door", "reading", "todo"]
     text: str
     steps: tuple[str, ...] = ()
     approach: tuple[tuple[float, ...], ...] = ()

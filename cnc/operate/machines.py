@@ -72,6 +72,7 @@ class Readings:
 #     machine        the machine, with the travel of the board
 #     rest           time that a stop of a jog may take itself, s
 #     pause          time until the worker looks for a next task after a poll, s
+#     under          the same motors with another compensation
 #     stops_outputs  whether spindle and coolant stop at the end of a program without M5 and M9
 #
 # All methods may raise BoardError.
@@ -100,6 +101,10 @@ class LineMachine:
         recall_shift(board, self.machine)
         self._homed = operation.homed
         self.rest = REST_TIME - board.capabilities.stop_latency_s
+
+    def under(self, machine: Machine) -> LineMachine:
+        """Return itself: the board knows no compensation, so positions are the same."""
+        return self
 
     def readings(self) -> Readings:
         """Return what the last report of the board says."""
@@ -220,6 +225,12 @@ class PulseMachine:
         self._joints = Joints(machine)
         self._start = start_position(machine)
         self.rest = REST_TIME - board.capabilities.stop_latency_s
+
+    def under(self, machine: Machine) -> PulseMachine:
+        """Return the machine with another compensation, its motors where they stand."""
+        other = PulseMachine(self.board, machine)
+        other._start = other._joints.tip(self._joints.at(self._start))
+        return other
 
     def readings(self) -> Readings:
         """Return the position of the board at rest, and its switches."""

@@ -17,7 +17,9 @@ from cnc.boards.port import Clock, SystemClock
 from cnc.boards.protocols import LineSink, PulseSink
 from cnc.machine.height_map import HeightMap
 from cnc.machine.models import Machine
-from cnc.measure.procedures import GoTo, Touch
+from cnc.measure.limits import Raised
+from cnc.measure.orders import Order
+from cnc.measure.procedures import Measured
 from cnc.model.diagnostics import CncError, Diagnostic, UsageError
 from cnc.model.operator_control import Control
 from cnc.operate import jogging
@@ -30,6 +32,7 @@ from cnc.operate.events import (
 )
 from cnc.operate.height_mapping import Grid, PointsAgain
 from cnc.operate.machines import open_live, operated
+from cnc.operate.measuring import Measurements, Moves, measured_machine, uncompensated
 from cnc.operate.program_session import KEEP_ALIVE, Jog, Programs, Worker
 from cnc.operate.state_view import refuse_turned, turned
 from cnc.session.options import RunOptions
@@ -157,6 +160,7 @@ class OperatorSession:
         self._clock = clock or SystemClock()
         self._worker = Worker(self.machine)
         self._programs = Programs(self._worker, self.machine, macros)
+        self._measurements = Measurements(self._worker, self._programs, self._measuring_move)
         self._jog: Jog | None = None
         self.events = self._worker.events
 
@@ -477,25 +481,34 @@ class OperatorSession:
 
         return self._worker.begin("probe", probe)
 
-    def touch(
-        self, step: Touch | GoTo, feed: float, *, unhomed: bool = False
-    ) -> Future[tuple[float, ...]]:
-        """Carry out a step of a measurement with the touch probe; return its contacts, mm.
+    def measure(self, order: Order, moves: Moves) -> Future[Measured | None]:
+        """Carry out a guided measurement, which asks questions ``reading`` and ``todo``.
 
         Args:
-            step: A touch, or a move that a contact ends.
-            feed: Speed of a first contact, mm/min.
-            unhomed: The position that the board reports is right, although it is not homed.
+            order: What is measured, and how.
+            moves: How the axes move.
+
+        Returns:
+            The result; None where the operator stopped it.
 
         Raises:
-            CncError: ``measure-contact``.
+            UsageError: ``measure-axis``, ``measure-option``, ``machine-busy``, ``not-connected``.
         """
+        measured_machine(self.machine, order)
+        return self._worker.begin("measure", lambda: self._measurements.measured(order, moves))
 
-        def touch() -> tuple[float, ...]:
-            self._refuse_unless_lifted(self.machine.axes)
-            return self._programs.touch(step, feed, trust_position=unhomed)
+    def measure_limits(self, letter: str, most: float) -> Future[Raised]:
+        """Raise the limits of an axis until it loses steps; the future has HomingStopped at a stop.
 
-        return self._worker.begin("probe", touch)
+        Args:
+            letter: The axis.
+            most: Factor up to which the limits of the machine file are raised.
+
+        Raises:
+            UsageError: ``measure-axis``, ``machine-busy``, ``not-connected``.
+        """
+        uncompensated(self.machine, [letter])
+        return self._worker.begin("measure", lambda: self._measurements.raised(letter, most))
 
     # Requests, at any time
 
@@ -527,12 +540,23 @@ class OperatorSession:
             if spindle is not None:
                 control.override_spindle(spindle)
 
-    def answer(self, number: int, yes: bool) -> bool:
-        """Answer a question; return whether it was open."""
-        dialog = self._worker.dialogs.answer(number, yes)
+    def answer(self, number: int, yes: bool, value: float | None = None) -> bool:
+        """Answer a question; return whether it was open.
+
+        Args:
+            number: The question.
+            yes: Whether the operator agrees.
+            value: The number of a reading, mm.
+
+        Raises:
+            UsageError: ``reading-missing`` for a reading without a number.
+        """
+        dialog = self._worker.dialogs.answer(number, yes, value)
         if dialog is None:
             return False
-        if dialog.kind != "restart":
+        if yes and dialog.kind in ("reading", "todo"):
+            self._worker.wake()
+        elif dialog.kind != "restart":
             if yes:
                 self._worker.resume()
             else:
@@ -588,6 +612,12 @@ class OperatorSession:
         move = plan(limits, readings.position, wanted, feed, operated.rest)
         assert isinstance(move, jogging.JogMove)
         return move
+
+    def _measuring_move(self, letter: str, way: float, moves: Moves) -> None:
+        """Move an axis by a distance, mm, in a measurement."""
+        wanted = {letter: way}
+        move = self._jog_move(jogging.step_move, wanted, moves.feed, unhomed=moves.unhomed)
+        self._worker.machine.jog(move, self._worker.control, self._worker.view.take)
 
     def _carry_out_jog(self, plan: Callable[[], jogging.JogMove], control: Control) -> None:
         if control.held:

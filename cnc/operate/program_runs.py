@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -12,7 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.model.diagnostics import CncError, Diagnostic
+from cnc.model.diagnostics import CncError, Diagnostic, UsageError
 from cnc.operate.events import (
     Dialog,
     DialogClosed,
@@ -34,14 +35,24 @@ PROGRESS_PERIOD = 0.1
 
 Approach = tuple[tuple[float, ...], ...]
 """Places (axes,) of the moves to the line to begin at, mm."""
-DialogKind = Literal["tool", "stop", "restart", "door"]
+DialogKind = Literal["tool", "stop", "restart", "door", "reading", "todo"]
 
 
 @dataclass(slots=True)
-class _Question:
+class Question:
+    """A question, and its answer.
+
+    Attributes:
+        dialog: The question.
+        answered: Set when it is answered or closed.
+        yes: Whether the operator agrees; not before the answer.
+        value: The number of a reading.
+    """
+
     dialog: Dialog
     answered: threading.Event
     yes: bool = False
+    value: float = 0.0
 
 
 class Dialogs:
@@ -53,7 +64,7 @@ class Dialogs:
 
     def __init__(self, events: EventStream) -> None:
         self._events = events
-        self._open: _Question | None = None
+        self._open: Question | None = None
         self._lock = threading.Lock()
 
     @property
@@ -66,16 +77,17 @@ class Dialogs:
         self, kind: DialogKind, text: str, steps: Sequence[str] = (), approach: Approach = ()
     ) -> Dialog:
         """Ask; an older question is closed."""
-        return self._show(kind, text, steps, approach).dialog
+        return self.begin(kind, text, steps, approach).dialog
 
-    def _show(
-        self, kind: DialogKind, text: str, steps: Sequence[str], approach: Approach
-    ) -> _Question:
+    def begin(
+        self, kind: DialogKind, text: str, steps: Sequence[str] = (), approach: Approach = ()
+    ) -> Question:
+        """Ask as :meth:`show`; return the question, which is answered later."""
         self.close()
         dialog = Dialog(
             id=next(QUESTIONS), kind=kind, text=text, steps=tuple(steps), approach=approach
         )
-        question = _Question(dialog, threading.Event())
+        question = Question(dialog, threading.Event())
         with self._lock:
             self._open = question
         self._events.emit(dialog)
@@ -86,16 +98,32 @@ class Dialogs:
     ) -> bool:
         """Ask, and wait for the answer."""
         # An answer may come before the event has reached every listener.
-        question = self._show(kind, text, steps, approach)
+        question = self.begin(kind, text, steps, approach)
         question.answered.wait()
         return question.yes
 
-    def answer(self, number: int, yes: bool) -> Dialog | None:
-        """Answer a question; return it, None if it is not open any more."""
+    def answer(self, number: int, yes: bool, value: float | None = None) -> Dialog | None:
+        """Answer a question; return it, None if it is not open any more.
+
+        Args:
+            number: The question.
+            yes: Whether the operator agrees.
+            value: The number of a reading.
+
+        Raises:
+            UsageError: ``reading-missing`` for a reading without a number; it stays open.
+        """
         with self._lock:
             question = self._open
             if question is None or question.dialog.id != number:
                 return None
+            if yes and question.dialog.kind == "reading":
+                if value is None or not math.isfinite(value):
+                    message = f"no number for: {question.dialog.text.splitlines()[-1]}"
+                    raise UsageError(
+                        Diagnostic("reading-missing", message, hint="give it in mm, such as 0.043")
+                    )
+                question.value = value
             question.yes = yes
         self.close()
         return question.dialog

@@ -320,9 +320,10 @@ class Worker:
             if pause is None or pause.place is None:
                 for task in running[:1]:
                     task.control.resume()
+                self.wake()
             elif len(running) == 1:
                 pause.goes_on = True
-                self._tasks.put(lambda: None)
+                self.wake()
             elif self._activity == "probe":
                 self.control.resume()
             else:
@@ -337,8 +338,12 @@ class Worker:
                 task.control.hold()
             if self.pause is not None:
                 self.pause.goes_on = False
-                self._tasks.put(lambda: None)
         self.dialogs.close()
+        self.wake()
+
+    def wake(self) -> None:
+        """Let the worker look at once whether what it waits for is there."""
+        self._tasks.put(lambda: None)
 
     def wait_at(self, pause: Pause) -> Control | None:
         """Carry out activities until the operator resumes the paused program.
@@ -484,10 +489,13 @@ class Programs:
         worker: The worker.
         machine: The machine, with the folders of its subroutines.
         macros: Folder of the macros; None for no macros.
+
+    Attributes:
+        machine: The machine; another one while it is measured.
     """
 
     def __init__(self, worker: Worker, machine: Machine, macros: Path | None) -> None:
-        self._worker, self._machine, self._macros = worker, machine, macros
+        self._worker, self.machine, self._macros = worker, machine, macros
         self._modal = ModalMemory(has_m61=machine.program.dialect in ("auto", "linuxcnc"))
 
     def probe(self, line: str) -> JobEnded:
@@ -646,7 +654,7 @@ class Programs:
             watch = RunWatch(name, worker.events, worker.dialogs, on_progress, at_pause, skipped)
             session = Session(
                 program,
-                self._machine,
+                self.machine,
                 options,
                 callbacks=watch.callbacks(),
                 control=control,
@@ -679,10 +687,10 @@ class Programs:
 
     def _tell_lost_rotation(self, parameters: Mapping[int, float]) -> None:
         """Tell of a rotation that a program has set, if no parameter file keeps it."""
-        stored = stored_rotations(self._machine)
+        stored = stored_rotations(self.machine)
         for k, name in enumerate(numbers.SYSTEMS):
             angle = parameters.get(numbers.origin(k) + numbers.ROTATION, 0.0)
-            if angle != stored.get(name, 0.0) and self._machine.program.parameters is None:
+            if angle != stored.get(name, 0.0) and self.machine.program.parameters is None:
                 message = f"the rotation of {name} by {angle:g} degrees has ended: it is not kept"
                 hint = "write parameters = 'machine.var' under [program]"
                 self._worker.notice(
@@ -700,7 +708,7 @@ class Programs:
         machine = self._worker.machine
         offsets = machine.offsets()
         self._worker.view.read(machine)
-        rotations = stored_rotations(self._machine)
+        rotations = stored_rotations(self.machine)
         self._worker.view.offsets, self._worker.view.rotations = offsets, rotations
         self._worker.events.emit(OffsetsChanged(offsets=offsets, rotations=rotations))
         return offsets

@@ -115,7 +115,7 @@ class StateView:
         state = State(
             board=self.board,
             state="held"
-            if self.paused and activity == "program"
+            if self.paused and activity in ("program", "measure")
             else _state(readings.state, activity),
             activity=activity,
             machine=readings.position,
@@ -129,6 +129,7 @@ class StateView:
             overrides=chosen,
             inputs=readings.inputs,
             program=self._program,
+            held=self.paused,
             modes=self.modes,
         )
         if progress is None:

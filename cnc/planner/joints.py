@@ -139,6 +139,11 @@ class Joints:
         """Whether an axis has backlash. At rest between programs, motors push all nuts up."""
         return bool(self._plays)
 
+    @property
+    def plays(self) -> dict[str, float]:
+        """The largest backlash of each axis that has one, mm."""
+        return {self.tip_axes[k]: play.largest for k, play in self._plays.items()}
+
     def sides_at(self, columns: Floats) -> dict[int, float]:
         """Return the sides of the nuts, by column, at a place of a path (columns,)."""
         tip, joints = columns[: self.tip_columns], columns[self.tip_columns :]

@@ -42,6 +42,7 @@ from cnc.server.checking import (
     typed_findings,
 )
 from cnc.server.library import OWN, Library, Run, TextLines, Version, checked, version_of
+from cnc.server.measuring import LastMeasurement
 from cnc.server.project import settings_of
 from cnc.session.options import RunOptions
 from cnc.session.repairs import Place
@@ -263,12 +264,14 @@ class Console:
     Attributes:
         control: The client that has control.
         hub: Distributes the events.
+        measurement: The last measurement.
     """
 
     def __init__(self, session: SessionAccess, library: Library) -> None:
         self.session, self.library = session, library
         self.hub = Hub()
         self.control = ControlOfMachine(self._control_changed)
+        self.measurement = LastMeasurement(session, self.hub.publish_object)
         self._checker: Checker | None = None
         self._checking: dict[tuple[str, str | None], _Check] = {}
         self._texts: dict[str, TextLines] = {}

@@ -11,6 +11,8 @@ from cnc.model.choices import Interpolation
 
 MOST_TYPED = 500_000
 """Characters of a text whose findings are shown as it is typed."""
+MOST_RECORD = 900_000
+"""Characters of a record of an accelerometer."""
 MOST_MACRO = 100_000
 """Characters of a macro."""
 Letter = Annotated[str, Field(pattern="^[a-z]$")]
@@ -95,6 +97,7 @@ class DialogAnswer(_Body):
 
     dialog: int
     yes: bool
+    value: FiniteFloat | None = Field(default=None, description="Of a reading, mm.")
 
 
 class SettingValue(_Body):
@@ -135,6 +138,86 @@ class ProbeAgain(_Body):
     clear: FiniteFloat = Field(default=2.0, gt=0, description="Z between the points, mm.")
     depth: FiniteFloat = Field(default=2.0, gt=0, description="Lowest Z of a contact, mm below 0.")
     feed: FiniteFloat = Field(default=60.0, gt=0, description="Speed of the contacts, mm/min.")
+
+
+class OfProbe(_Body):
+    """The touch probe in place of a gauge."""
+
+    touch: str = Field(
+        default="", max_length=2, description="Axis and direction of the touches, such as Y-."
+    )
+    reach: FiniteFloat = Field(default=10.0, gt=0, description="Longest way to a face, mm.")
+    contacts: int = Field(default=5, ge=1, le=100, description="Contacts of a place.")
+    contact_feed: FiniteFloat = Field(
+        default=100.0, gt=0, description="Speed of a first contact, mm/min."
+    )
+
+
+class OfMeasurement(_Body):
+    """How an axis is measured."""
+
+    probe: OfProbe | None = Field(default=None, description="null: a gauge, whose numbers come.")
+    feed: FiniteFloat | None = Field(
+        default=None, gt=0, description="Beside a gauge, mm/min; null: highest that stops in 0.2 s."
+    )
+    unhomed: bool = Field(default=False, description="Move although the machine is not homed.")
+
+
+class MeasureBacklash(OfMeasurement):
+    """The play of a nut to measure."""
+
+    axis: Letter
+    reverse: FiniteFloat = Field(default=0.5, gt=0, description="The way back, mm.")
+    repeats: int = Field(default=3, ge=1, le=100, description="Reversals.")
+
+
+class MeasurePitch(OfMeasurement):
+    """The errors of a screw to measure."""
+
+    axis: Letter
+    first: FiniteFloat | None = Field(default=None, description="The lowest place, mm.")
+    last: FiniteFloat | None = Field(default=None, description="The highest place, mm.")
+    places: int = Field(default=11, ge=2, le=1000, description="Number of places.")
+    both: bool = Field(default=False, description="Come to each place from above too.")
+    faces: tuple[FiniteFloat, ...] = Field(
+        default=(), max_length=1000, description="Distances of the faces for the probe, mm."
+    )
+    lift: FiniteFloat = Field(default=20.0, description="Way of the probe over a face, mm.")
+    blocks: bool = Field(default=False, description="Wait at each face for other blocks.")
+
+
+class MeasureSquare(OfMeasurement):
+    """The angle between two axes to measure."""
+
+    axes: str = Field(pattern="^[a-z]{2}$", description="xy, xz or yz.")
+    lengths: tuple[FiniteFloat, FiniteFloat] = Field(description="Ways along the legs, mm.")
+    points_to_plus: bool = Field(default=True, description="The plunger points to plus.")
+    turned: bool = Field(default=True, description="The square is turned over.")
+    outside: bool = Field(default=False, description="The probe touches the outer faces.")
+
+
+class MeasureLimits(_Body):
+    """The limits of an axis to raise until it loses steps."""
+
+    axis: Letter
+    most: FiniteFloat = Field(default=2.0, gt=0, le=10, description="Factor of the file's limits.")
+
+
+class MeasureRinging(_Body):
+    """The record of an accelerometer, or an axis that the board's accelerometer records."""
+
+    axis: Letter | None = Field(default=None, description="null: the record is given.")
+    unhomed: bool = Field(default=False, description="Move although the machine is not homed.")
+    text: str = Field(
+        default="", max_length=MOST_RECORD, description="A csv file: times, accelerations."
+    )
+    name: str = Field(default="record.csv", max_length=200, description="Its name.")
+
+
+class WriteMeasured(_Body):
+    """The result to write into the machine file."""
+
+    number: int = Field(description="Number of the measurement that was shown.")
 
 
 class CheckJob(_Body):

@@ -19,16 +19,19 @@ from fastapi.responses import FileResponse
 from pydantic import FiniteFloat
 
 from cnc.boards.registry import board_names
+from cnc.measure.orders import Backlash, Order, Pitch, Ringing, Square, TouchProbe
 from cnc.model import parameter_numbers as numbers
 from cnc.model.diagnostics import Diagnostic, UsageError
 from cnc.model.units import per_minute, per_second
 from cnc.operate.events import as_object
 from cnc.operate.height_mapping import Grid, PointsAgain
+from cnc.operate.measuring import Moves
 from cnc.operate.operator_session import OperatorSession, begin_jog
 from cnc.operate.probing import cycles, mdi_line
 from cnc.server.checking import job_changed
 from cnc.server.console import Console
 from cnc.server.library import OWN, Library, checked
+from cnc.server.measuring import Kind
 from cnc.server.models import (
     Accepted,
     CheckJob,
@@ -45,6 +48,12 @@ from cnc.server.models import (
     JogStarted,
     JogStep,
     LogText,
+    MeasureBacklash,
+    MeasureLimits,
+    MeasurePitch,
+    MeasureRinging,
+    MeasureSquare,
+    OfMeasurement,
     Override,
     ProbeAgain,
     ProbeGrid,
@@ -55,6 +64,7 @@ from cnc.server.models import (
     SettingValue,
     TakeControl,
     TextPart,
+    WriteMeasured,
     Zero,
 )
 from cnc.session.options import RunOptions
@@ -305,7 +315,8 @@ async def override(body: Override, console: Controlled) -> Accepted:
 @router.post("/answer")
 async def answer(body: DialogAnswer, console: Controlled) -> Accepted:
     """Answer a dialog."""
-    return Accepted(accepted=await ask(console, OperatorSession.answer, body.dialog, body.yes))
+    answered = await ask(console, OperatorSession.answer, body.dialog, body.yes, body.value)
+    return Accepted(accepted=answered)
 
 
 @router.get("/settings")
@@ -685,3 +696,80 @@ async def probe_points(name: str, body: ProbeAgain, console: Controlled) -> Acce
     surface = console.library.height_map(name)
     again = PointsAgain(surface=surface, **body.model_dump(exclude={"points"}), points=points)
     return await accepted(await console.probe_points(name, again))
+
+
+# The requests about measurements: begin, result, write.
+
+
+async def _begin_measurement(kind: Kind, body: OfMeasurement, console: Console) -> Accepted:
+    options = body.model_dump(exclude={"probe", "feed", "unhomed"})
+    probe, moves = None, Moves(None if body.feed is None else per_second(body.feed))
+    if body.probe is not None:
+        probe = TouchProbe(**body.probe.model_dump(exclude={"contact_feed"}))
+        moves = moves._replace(contact_feed=body.probe.contact_feed)
+    order = ORDERS[kind](**options, probe=probe)
+    asked = OperatorSession.measure
+    future = await ask(console, asked, order, moves._replace(unhomed=body.unhomed))
+    console.measurement.begun(kind, future)
+    return await accepted(future)
+
+
+ORDERS: dict[str, Callable[..., Order]] = {"backlash": Backlash, "pitch": Pitch, "square": Square}
+
+
+@router.post("/measure/backlash")
+async def measure_backlash(body: MeasureBacklash, console: Controlled) -> Accepted:
+    """Begin to measure the play of a nut; questions ``reading`` and ``todo`` come."""
+    return await _begin_measurement("backlash", body, console)
+
+
+@router.post("/measure/pitch")
+async def measure_pitch(body: MeasurePitch, console: Controlled) -> Accepted:
+    """Begin to measure the errors of a screw."""
+    return await _begin_measurement("pitch", body, console)
+
+
+@router.post("/measure/square")
+async def measure_square(body: MeasureSquare, console: Controlled) -> Accepted:
+    """Begin to measure the angle between two axes."""
+    return await _begin_measurement("square", body, console)
+
+
+@router.post("/measure/limits")
+async def measure_limits(body: MeasureLimits, console: Controlled) -> Accepted:
+    """Begin to raise the limits of an axis until it loses steps."""
+    future = await ask(console, OperatorSession.measure_limits, body.axis, body.most)
+    console.measurement.begun("limits", future)
+    return await accepted(future)
+
+
+@router.post("/measure/ringing")
+async def measure_ringing(body: MeasureRinging, console: Controlled) -> Accepted:
+    """Find the modes in a record, or in that of the board's accelerometer while an axis moves."""
+    if body.axis is None:
+        await asyncio.to_thread(console.measurement.find_modes, body.text, body.name)
+        return Accepted()
+    order, moves = Ringing(axis=body.axis), Moves(unhomed=body.unhomed)
+    future = await ask(console, OperatorSession.measure, order, moves)
+    console.measurement.begun("ringing", future)
+    return await accepted(future)
+
+
+@router.get("/measurement")
+def measurement(console: Shared) -> dict[str, Any]:
+    """Return the last measurement and its result."""
+    return asdict(console.measurement.shown)
+
+
+@router.post("/measurement/write")
+def write_measurement(body: WriteMeasured, console: Controlled) -> dict[str, Any]:
+    """Write the result that was shown into the machine file; return the measurement."""
+    console.measurement.write(body.number)
+    return asdict(console.measurement.shown)
+
+
+@router.delete("/measurement")
+def discard_measurement(console: Controlled) -> Accepted:
+    """Forget the result."""
+    console.measurement.discard()
+    return Accepted()

@@ -157,6 +157,7 @@ STATUS = {
     "job-changed": 409,
     "job-exists": 409,
     "repair-unsafe": 409,
+    "measurement-gone": 409,
     "no-such-job": 404,
     "no-such-macro": 404,
     "no-such-cycle": 404,

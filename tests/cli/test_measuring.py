@@ -171,6 +171,51 @@ def test_modes_are_found_in_a_record(cncrun, tmp_path):
     assert err.startswith("record-form: ")
 
 
+SENSOR = """[board.klipper.x]
+step = "gpio11"
+direction = "!gpio10"
+[board.klipper.y]
+step = "gpio6"
+direction = "!gpio5"
+[board.klipper.z]
+step = "gpio19"
+direction = "!gpio28"
+[board.klipper.accelerometer]
+select = "gpio1"
+spi_bus = "spi1c"
+"""
+
+
+@pytest.mark.soak
+def test_an_axis_is_shaken_and_the_accelerometer_shows_the_modes(cncrun, mill):
+    """In real time, so a computer that is too busy is refused by the board."""
+    text = mill.read_text().replace("loopback", "klipper-sim").replace("400000.0", "100000.0")
+    mill.write_text(
+        text.replace("8000.0", "2000.0").replace("= 400.0\nmax_v", "= 100.0\nmax_v") + SENSOR
+    )
+    words = ("ringing", "Y", "--accelerometer", "--machine", str(mill))
+    code, out, err = cncrun("measure", *words)
+    assert code == 0, err
+    shown = [line.split() for line in out.splitlines() if line.startswith("Y ")]
+    assert [float(words[1]) for words in shown] == pytest.approx([38.0, 61.0], rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        (("ringing", "X", "--accelerometer"), "no-accelerometer"),
+        (("ringing", "Q", "--accelerometer"), "measure-axis"),
+        (("ringing", "record.csv", "--unhomed"), "measure-option"),
+        (("ringing", "record.csv", "--board", "loopback"), "measure-option"),
+    ],
+)
+def test_what_an_accelerometer_cannot_do_is_refused(cncrun, mill, words, code):
+    machine = ("--machine", str(mill)) if "--accelerometer" in words else ()
+    exit_code, _, err = cncrun("measure", *words, *machine)
+    assert exit_code == 2
+    assert f"{code}: " in err
+
+
 def test_limits_are_rehearsed_on_a_simulated_board_and_not_written(cncrun, mill):
     """A simulated motor loses no step, so its limits say nothing about the machine."""
     before = mill.read_text()

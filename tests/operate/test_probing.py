@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from cnc.machine.load import load_machine
 from cnc.measure.procedures import GoTo, Touch
 from cnc.model.diagnostics import BoardError, UsageError
 from cnc.operate.height_mapping import Grid, PointsAgain
+from cnc.operate.measuring import Moves
 from cnc.operate.operator_session import OperatorSession
 from cnc.operate.probing import cycles, mdi_line, shipped_cycles
 from cnc.session.options import RunOptions
@@ -308,14 +310,35 @@ def test_a_parameter_with_choices_has_their_meanings_and_takes_no_other_value():
     assert finding.hint == "give 1 (towards plus X) or -1 (towards minus X)"
 
 
+@dataclass(frozen=True, kw_only=True)
+class Steps:
+    """An order of one step, whose answer is the result."""
+
+    axis: str
+    step: object
+    probe = None
+    needs_home = False
+
+    @property
+    def letters(self):
+        return (self.axis,)
+
+    def begin(self, scales):
+        return (yield self.step)
+
+
 def test_a_touch_gives_machine_places_and_goes_back(session):
     """The zero of the work lies elsewhere; a move that meets the part on its way is an error."""
     session.mdi("G10 L20 P1 X50 Y-3").result(PATIENCE)
     on(session, Box((6.013, 40.0), (-9.0, 9.0), 4.0), radius=1.5)
-    contacts = session.touch(Touch("x", 10.0, 3), 600.0).result(PATIENCE)
-    assert contacts == pytest.approx([6.013 - 1.5] * 3, abs=CLOSE)
+
+    def carried_out(step):
+        order = Steps(axis="x", step=step)
+        return session.measure(order, Moves(contact_feed=600.0)).result(PATIENCE)
+
+    assert carried_out(Touch("x", 10.0, 3)) == pytest.approx([6.013 - 1.5] * 3, abs=CLOSE)
     assert session.state.machine["x"] == pytest.approx(0.0, abs=CLOSE)
-    assert session.touch(GoTo("x", 3.0, guarded=True), 600.0).result(PATIENCE) == ()
+    assert carried_out(GoTo("x", 3.0, guarded=True)) == ()
     assert session.state.machine["x"] == pytest.approx(3.0, abs=CLOSE)
     with pytest.raises(UsageError, match=r"met something at X4\.5.* on its way to 9\.000"):
-        session.touch(GoTo("x", 9.0, guarded=True), 600.0).result(PATIENCE)
+        carried_out(GoTo("x", 9.0, guarded=True))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import httpx
@@ -65,14 +66,19 @@ class Client:
         self.headers["x-control"] = key
 
 
-@pytest.fixture(scope="module")
-def client_of(console) -> Callable[..., Client]:
-    def make(token: str | None = None, rates=None, **options: Any) -> Client:
+@pytest.fixture(scope="session")
+def client_of_console() -> Callable[..., Client]:
+    def make(console, token: str | None = None, rates=None, **options: Any) -> Client:
         access = Access(frozenset({HOST, "localhost:8080"}), token)
         usual = rates or Rates(rate=1e6, burst=1e6)
         return Client(create_app(console, access, usual), **options)
 
     return make
+
+
+@pytest.fixture(scope="module")
+def client_of(console, client_of_console) -> Callable[..., Client]:
+    return partial(client_of_console, console)
 
 
 @pytest.fixture(scope="module")

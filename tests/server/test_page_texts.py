@@ -16,7 +16,7 @@ from tests.support.server.page_texts import catalogue, templates, texts_of_files
 NAMES = {"cncrun", "cncrun console"}
 """Names are the same in each language."""
 SHOWN = {"hold request", "continuous", "top", "front", "side"}
-SHOWN |= {"feed", "accel", "jerk", "normal accel", "velocity"}
+SHOWN |= {"feed", "acceleration", "accel", "jerk", "normal accel", "velocity"}
 """Names that the page is given, and that no type lists."""
 
 

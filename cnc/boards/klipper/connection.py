@@ -241,12 +241,14 @@ class Connection:
         dictionary: The board's commands and responses.
         board_clock: Estimate of the board's clock.
         heard_at: Time of this computer at which the board was last heard, before a restart, s.
+        on_samples: Called with each block of samples of a sensor, whoever pumps.
     """
 
     def __init__(self, port: Port, clock: Clock, name: str, reopen: Reopen | None = None) -> None:
         self.clock = clock
         self.name = name
         self._reopen = reopen
+        self.on_samples: Callable[[Message], object] = lambda _: None
         self._begin(port)
 
     def _begin(self, port: Port) -> None:
@@ -307,6 +309,8 @@ class Connection:
             for message in messages:
                 if message.name == "clock":
                     self._take_clock(message["clock"], block.acknowledged, now)
+                elif message.name == "sensor_bulk_data":
+                    self.on_samples(message)
         # A board that restarts begins with another number, which may seem to acknowledge blocks.
         restarts = any(message.name == "starting" for message in received)
         if not restarts and (received or self.link.acknowledged > acknowledged):

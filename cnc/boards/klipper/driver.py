@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from cnc.boards.klipper.accelerometer import Adxl345
 from cnc.boards.klipper.connection import BAUD, USUAL_DRIFT, Reopen
 from cnc.boards.klipper.feasibility import KlipperFeasibility, firmware_of, profile_of
 from cnc.boards.klipper.guards import ArmedInput, TooLate
@@ -69,6 +70,8 @@ class Klipper(PulseBoard):
         super().__init__(machine, self._supervisor)
         self._sender = self._supervisor.sender
         self._position = self._supervisor.position
+        if self._supervisor.accelerometer is not None:
+            self._supervisor.accelerometer.lock = self._lock
         axes = len(machine.axes)
         self._next = np.ones(axes, np.bool_), np.ones(axes, np.bool_)
         self._next_jog: float | None = None
@@ -169,6 +172,11 @@ class Klipper(PulseBoard):
         wanted = np.ones(axes, np.bool_)
         wanted[: len(watched)] = watched
         self._next = wanted, np.array(known, np.bool_)
+
+    @property
+    def accelerometer(self) -> Adxl345 | None:
+        """The accelerometer that the machine file names; None without one."""
+        return self._supervisor.accelerometer
 
     def prepare_jog(self, feed: float) -> None:
         """Send little ahead of the next motion alone; ``feed``: its highest speed, mm/s."""

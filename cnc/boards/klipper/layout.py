@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from cnc.boards.klipper.protocol import Dictionary, LocalError, Value
 from cnc.boards.protocols import board_error
-from cnc.machine.klipper import KlipperAxis, KlipperBoard, Pin, TrinamicDriver
+from cnc.machine.klipper import Accelerometer, KlipperAxis, KlipperBoard, Pin, TrinamicDriver
 from cnc.machine.load import error_in
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import Diagnostic, UsageError
@@ -24,6 +24,8 @@ UART_BAUD, SLOW_UART_BAUD = 40_000, 9_000
 """Speed of a motor driver's UART, and on an AVR, bits/s."""
 SPI_MODE, SPI_RATE = 3, 4_000_000
 """Mode and speed of a motor driver's SPI (TMC5160 data sheet, chapter 4)."""
+SENSOR_RATE = 5_000_000
+"""Highest speed of the accelerometer's SPI, which has the same mode (ADXL345 data sheet)."""
 REQUIRED = (
     "config_stepper",
     "queue_step",
@@ -121,6 +123,7 @@ class Layout:
         config: Encoded commands that configure them, but for allocation and end.
         drivers: Object of the UART or SPI device of the driver of each motor, by letter and number.
         scales: Steps per mm of each axis.
+        accelerometer: Objects of the SPI device and of the accelerometer; None without one.
     """
 
     trigger: int = 0
@@ -131,6 +134,7 @@ class Layout:
     config: list[bytes] = field(default_factory=list)
     drivers: dict[tuple[str, int], int] = field(default_factory=dict)
     scales: tuple[float, ...] = ()
+    accelerometer: tuple[int, int] | None = None
 
     @property
     def crc(self) -> int:
@@ -223,6 +227,9 @@ class LayoutBuilder:
             pin = getattr(table, name)
             if pin is not None:
                 self._digital((name,), name, pin)
+        if table.accelerometer is not None:
+            spi = self._spi(("accelerometer",), table.accelerometer, SENSOR_RATE)
+            layout.accelerometer = spi, self._create("config_adxl345", spi_oid=spi)
         self._check_buses()
         return layout
 
@@ -312,21 +319,26 @@ class LayoutBuilder:
                 )
             self.layout.drivers[letter, number] = self._uarts[pin]
         elif driver.select is not None:
-            buses = self._dictionary.enumerations.get("spi_bus", {})
-            bus = buses.get(driver.spi_bus, min(buses.values(), default=0))
-            self._buses |= {name for name, number in buses.items() if number == bus}
-            if driver.spi_bus and driver.spi_bus not in buses:
-                message = f"the board has no SPI bus {driver.spi_bus}"
-                hint = f"its buses are {', '.join(buses) or 'none'}"
-                path = ("board", "klipper", *key, "spi_bus")
-                raise error_in(self._machine, path, message, hint)
-            oid = self._create(
-                "config_spi",
-                pin=self.pin((*key, "select"), driver.select),
-                cs_active_high=int(Pin.of(driver.select).inverted),
-            )
-            self.encode("spi_set_bus", oid=oid, spi_bus=bus, mode=SPI_MODE, rate=SPI_RATE)
-            self.layout.drivers[letter, number] = oid
+            self.layout.drivers[letter, number] = self._spi(key, driver, SPI_RATE)
+
+    def _spi(self, key: tuple[str, ...], table: TrinamicDriver | Accelerometer, rate: int) -> int:
+        """Create the SPI device of a table of the machine file; return its object."""
+        assert table.select is not None
+        buses = self._dictionary.enumerations.get("spi_bus", {})
+        bus = buses.get(table.spi_bus, min(buses.values(), default=0))
+        self._buses |= {name for name, number in buses.items() if number == bus}
+        if table.spi_bus and table.spi_bus not in buses:
+            message = f"the board has no SPI bus {table.spi_bus}"
+            hint = f"its buses are {', '.join(buses) or 'none'}"
+            path = ("board", "klipper", *key, "spi_bus")
+            raise error_in(self._machine, path, message, hint)
+        oid = self._create(
+            "config_spi",
+            pin=self.pin((*key, "select"), table.select),
+            cs_active_high=int(Pin.of(table.select).inverted),
+        )
+        self.encode("spi_set_bus", oid=oid, spi_bus=bus, mode=SPI_MODE, rate=rate)
+        return oid
 
     def _limit(self, letter: str, column: int, number: int, text: str) -> None:
         pin = Pin.of(text)

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cnc.boards.klipper.accelerometer import Adxl345
 from cnc.boards.klipper.connection import Connection, Reopen
 from cnc.boards.klipper.guards import Guard, Guards, TooLate
 from cnc.boards.klipper.layout import BY_HOST, EMERGENCY, EXPIRED, LIMIT, LayoutBuilder, section
@@ -147,6 +148,7 @@ class Supervisor(PulseSupervisor):
         layout: The objects of the board.
         warnings: Findings about the file of the position.
         slots: Entries of its move queue.
+        accelerometer: The accelerometer; None without one.
         drivers: Watch on the motor drivers that the board configures.
         position: Conversion of positions.
         least_ns: Least time between two steps of an axis, ns.
@@ -186,6 +188,10 @@ class Supervisor(PulseSupervisor):
         for driver in drivers:
             driver.configure(machine)
         self.drivers = DriverWatch(self.connection, drivers)
+        self.accelerometer: Adxl345 | None = None
+        if self.layout.accelerometer is not None and table.accelerometer is not None:
+            objects = self.layout.accelerometer
+            self.accelerometer = Adxl345(self.connection, objects, table.accelerometer, self.pump)
         self.guards = Guards(self.connection, self.layout, axes)
         limits = MotionLimits(
             table.tolerance_us * 1e-6, self.least_ns * 1e-9, ramp_seconds(machine)

@@ -143,7 +143,12 @@ function buttons() {
     for (const kind of ["input", "change"]) range.dispatchEvent(new Event(kind));
   });
   element("rapid-override").addEventListener("change", event => attempt(() => post("override", {rapid: Number(event.target.value)})));
-  element("yes").addEventListener("click", () => attempt(() => post("answer", {dialog: Number(element("question").dataset.id), yes: true})));
+  element("yes").addEventListener("click", () => attempt(agree));
+  element("question-value").addEventListener("keydown", event => {
+    if (event.key !== "Enter") return;
+    event.preventDefault();
+    element("yes").click();
+  });
   element("no").addEventListener("click", stop);
   // A dialog covers the button, not its effect: a press where STOP stands stops.
   for (const place of document.querySelectorAll("dialog")) place.addEventListener("pointerdown", event => {
@@ -158,17 +163,41 @@ function stop() {
   attempt(() => post("stop"));
 }
 
+/** Answer the question with yes, and with the number of a reading. */
+async function agree() {
+  const {id, kind} = element("question").dataset, value = element("question-value").valueAsNumber;
+  if (kind === "reading" && !Number.isFinite(value)) {
+    say(t`type the number first\nin mm, such as 0.043`);
+    return;
+  }
+  await post("answer", {dialog: Number(id), yes: true, value: kind === "reading" ? value : null});
+}
+
+/** Return the text of a question, and what is to be known for it. */
+function texts({kind, text}) {
+  if (["tool", "stop"].includes(kind)) return [worded(text), t`You may jog, set a zero and probe before you go on. The spindle stops then, and the program goes on from here with the new zero.`];
+  const lines = worded(text).split("\n");
+  return kind === "reading" ? [lines.at(-1), lines.slice(0, -1).join("\n")] : [worded(text), ""];
+}
+
 /** Ask the operator. The page stays usable: what the answer needs is never under the question. */
 function ask(dialog) {
   const place = element("question");
+  const isNew = place.dataset.id !== String(dialog.id), reads = dialog.kind === "reading", measures = reads || dialog.kind === "todo";
   place.dataset.id = dialog.id;
   place.dataset.kind = dialog.kind;
-  element("question-text").textContent = worded(dialog.text);
-  element("question-help").textContent = ["tool", "stop"].includes(dialog.kind)
-    ? t`You may jog, set a zero and probe before you go on. The spindle stops then, and the program goes on from here with the new zero.` : "";
+  [element("question-text").textContent, element("question-help").textContent] = texts(dialog);
+  element("question-field").hidden = !reads;
+  element("question-unit").textContent = "mm";
+  // A number that is half typed survives a lost connection.
+  if (isNew) element("question-value").value = "";
+  element("yes").querySelector("span").textContent = reads ? t`Take the reading` : t`Go on`;
+  element("no").querySelector("span").textContent = measures ? t`Stop the measurement` : t`Stop the program`;
   element("question-steps").replaceChildren(...dialog.steps.map(each => Object.assign(document.createElement("li"), {textContent: worded(each)})));
   // The text has the focus: a key that was meant for something else must not confirm.
   if (!place.open) place.show();
+  // Nor must it be lost: a desk has a keyboard for the next reading, a phone would cover the page.
+  if (reads && inControl() && matchMedia("(pointer: fine)").matches) element("question-value").focus();
   needs();
   // The moves to the line are drawn: the picture is to be seen beside the question.
   if (dialog.kind !== "restart") return;

@@ -9,6 +9,7 @@ import * as jobs from "./jobs.js";
 import * as jog from "./jog.js";
 import * as machine from "./machine.js";
 import * as making from "./making.js";
+import * as measuring from "./measuring.js";
 import * as parts from "./parts.js";
 import * as picture from "./picture.js";
 import * as probing from "./probing.js";
@@ -25,6 +26,7 @@ await attempt(async () => {
   await probing.begin();
   await heights.begin();
   await making.begin();
+  await measuring.begin();
   editing.begin();
   await jobs.begin();
   picture.begin();

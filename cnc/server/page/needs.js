@@ -10,7 +10,7 @@ const MOVING = ["running", "jogging", "homing"];
 
 /** Return whether a program waits at M0 or M6, where the machine may be used by hand. */
 const isPaused = () => element("question").open && PAUSES.includes(element("question").dataset.kind);
-const busy = ({activity}) => t`the machine is busy (${word(activity)}): wait for its end, or press STOP`;
+const busy = ({activity}) => activity === "measure" ? t`a measurement is under way: answer its questions, or press STOP` : t`the machine is busy (${word(activity)}): wait for its end, or press STOP`;
 
 /** By name: whether the need is met, and the reason where it is not. */
 const NEEDS = {

@@ -24,8 +24,28 @@ AT_POWER_UP = {GSTAT: 1, DRV_STATUS: 31 << 16}
 """A reset is noted, and DRV_STATUS has the scale of the current."""
 
 
+class SpiDevice:
+    """A device behind a chip select."""
+
+    __slots__ = ()
+
+    def transfer(self, data: bytes) -> bytes:
+        """Exchange bytes."""
+        raise NotImplementedError
+
+
+class Reader:
+    """Reads a sensor; this one has none."""
+
+    def query(self, rest_ticks: int) -> None:
+        """Begin to read it every so many ticks, or end with 0."""
+
+    def status(self) -> None:
+        """Tell how many samples there were; without a sensor there is no answer."""
+
+
 @dataclass(slots=True)
-class DriverModel:
+class DriverModel(SpiDevice):
     """A driver.
 
     Attributes:

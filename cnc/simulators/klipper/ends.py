@@ -130,7 +130,9 @@ def _level(
         if driver.uart is not None:
             model = simulator.uarts[simulator.pin(Pin.of(driver.uart).name)].drivers[driver.address]
         else:
-            model = simulator.spi[simulator.pin(Pin.of(str(driver.select)).name)]
+            device = simulator.spi[simulator.pin(Pin.of(str(driver.select)).name)]
+            assert isinstance(device, DriverModel)
+            model = device
         return HardStop(simulator, model, step, (sign * towards, sign * round(place))).diag
     end_of_motor = sign * towards, sign * place
     return EndLevel(simulator.positions, simulator.pin(step), end_of_motor, switch.active)

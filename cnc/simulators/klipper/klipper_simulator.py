@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from cnc.boards.klipper.firmware import FIRMWARES, Firmware
 from cnc.boards.klipper.protocol import SEQUENCE, BlockReader, Message, RemoteError, block_bytes
-from cnc.simulators.klipper.devices import Cable, DriverModel, UartModel
+from cnc.simulators.klipper.devices import Cable, DriverModel, Reader, SpiDevice, UartModel
 from cnc.simulators.klipper.objects import (
     WRAP,
     EndLevel,
@@ -390,14 +390,26 @@ class Commands:
         self._create(message["oid"], device)
 
     def _spi_set_bus(self, message: Message) -> None:
-        self._object(message["oid"], DriverModel)
+        self._object(message["oid"], SpiDevice)
 
     def _spi_transfer(self, message: Message) -> None:
-        answer = self._object(message["oid"], DriverModel).transfer(message.data("data"))
+        answer = self._object(message["oid"], SpiDevice).transfer(message.data("data"))
         self._board.respond("spi_transfer_response", oid=message["oid"], response=answer)
 
     def _spi_send(self, message: Message) -> None:
-        self._object(message["oid"], DriverModel).transfer(message.data("data"))
+        self._object(message["oid"], SpiDevice).transfer(message.data("data"))
+
+    # The accelerometer.
+
+    def _config_adxl345(self, message: Message) -> None:
+        device = self._object(message["spi_oid"], SpiDevice)
+        self._create(message["oid"], self._board.reader_of(message["oid"], device))
+
+    def _query_adxl345(self, message: Message) -> None:
+        self._object(message["oid"], Reader).query(message["rest_ticks"])
+
+    def _query_adxl345_status(self, message: Message) -> None:
+        self._object(message["oid"], Reader).status()
 
     # Objects.
 
@@ -444,7 +456,8 @@ class KlipperSimulator:
         now: Time since power-up by the host's clock, s.
         cable: The cable.
         levels: Level of each input pin by its number, or a function that gives it.
-        uarts, spi: Motor drivers at UART pins and at chip selects.
+        uarts, spi: Motor drivers at UART pins; these and an accelerometer at chip selects.
+        reader_of: Gives the reader of an accelerometer by its object and its device.
         due_of: Clocks at which these steps were due by the queues: the processor makes one step
             after the other.
         edges_of: Clocks of the steps of each motor by its step pin, as :meth:`edges` joins them.
@@ -469,7 +482,8 @@ class KlipperSimulator:
         self.levels: dict[int, int | Level] = {}
         self.history: list[tuple[int, int, int]] = []
         self.uarts: dict[int, UartModel] = {}
-        self.spi: dict[int, DriverModel] = {}
+        self.spi: dict[int, SpiDevice] = {}
+        self.reader_of: Callable[[int, SpiDevice], Reader] = lambda *_: Reader()
         self.due_of: dict[int, list[NDArray[np.int64]]] = {}
         self.edges_of: dict[int, list[NDArray[np.int64]]] = {}
         self.positions: dict[int, int] = {}

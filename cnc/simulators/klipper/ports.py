@@ -23,6 +23,7 @@ from cnc.boards.port import port_lost
 from cnc.boards.protocols import BoardTraits
 from cnc.machine.klipper import KlipperAxis, KlipperBoard, KlipperSpindle, Pin
 from cnc.machine.models import Machine
+from cnc.simulators.klipper.accelerometer import add_accelerometer
 from cnc.simulators.klipper.devices import DriverModel, UartModel
 from cnc.simulators.klipper.ends import add_ends
 from cnc.simulators.klipper.klipper_simulator import KlipperSimulator
@@ -149,6 +150,7 @@ class KlipperSimulatorBoard(Klipper):
         machine = with_pins(machine)
         simulator = simulator_for(machine)
         add_ends(simulator, machine)
+        add_accelerometer(simulator, machine)
         port = port_type(simulator)
         board = cls(port, machine, NAME, clock=port, background=background)
         board.simulator = simulator

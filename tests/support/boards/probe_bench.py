@@ -103,6 +103,12 @@ class ProbeBench(Loopback):
         """Grid point of each axis: the machine is homed."""
         return tuple(self._position.tolist())
 
+    @property
+    def tool(self) -> Floats:
+        """Place of the tool (3,), mm."""
+        place: Floats = self._screws.tool(self._nuts[None])[0]
+        return place
+
     def execute(self, block: Block, time_ns: int) -> tuple[float, ...] | None:
         """Record the block; a probing move ends at the contact."""
         expected = super().execute(block, time_ns)
