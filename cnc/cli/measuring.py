@@ -49,14 +49,10 @@ class MeasureOptions:
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
-class SensorOptions:
+class SensorOptions(MeasureOptions):
     """Options of the accelerometer of a board."""
 
     unhomed: Annotated[bool, option("Move although the machine is not homed.")] = False
-    machine: MachineOption = None
-    board: BoardOption = None
-    port: PortOption = None
-    terminal: TerminalOptions = TERMINAL
 
 
 @Parameter(name="*")
@@ -275,22 +271,18 @@ def ringing(
     """
     if accelerometer:
         return _shake(record, on_board)
-    given = (on_board.machine, on_board.board, on_board.port)
+    given = (on_board.board, on_board.port)
     if any(value is not None for value in given) or on_board.unhomed:
         message, hint = "nothing moves for a record", "add --accelerometer, or leave the board out"
         raise UsageError(Diagnostic("measure-option", message, hint=hint))
     on_board.terminal.open_log(record)
     cli.load_library()
     from cnc.measure import ringing as records
-    from cnc.measure.machine_file import NO_KEYS
 
-    rate, columns, _ = records.read_record(Path(record))
-    modes = {letter: records.modes(samples, rate) for letter, samples in columns.items()}
-    print(f"{rate:.0f} samples a second")
-    for letter, of_axis in modes.items():
-        for mode in of_axis:
-            _show_mode(letter, *mode)
-    print(NO_KEYS)
+    file = Path(record)
+    measured = records.of_record(records.read_record(file), file.name)
+    _show_modes(measured)
+    _write(measured, cnc.load_machine(on_board.machine), yes=on_board.yes)
     return 0
 
 
@@ -298,25 +290,25 @@ def _shake(axis: str, on: SensorOptions) -> int:
     """Record short quick moves of an axis, and print the modes."""
     on.terminal.open_log(on.machine)
     cli.load_library()
-    from cnc.measure.machine_file import NO_KEYS
     from cnc.measure.orders import Ringing
     from cnc.operate import measuring
 
     order = Ringing(axis=axis)
-    plain = measuring.measured_machine(cnc.load_machine(on.machine), order)
+    given = cnc.load_machine(on.machine)
+    plain = measuring.measured_machine(given, order)
     with cli.operating.connected(plain, on.board, on.port) as (session, signals):
         moves = measuring.Moves(unhomed=on.unhomed)
         measured = _answered(session, signals, session.measure(order, moves))
-    print(printable(measured.title), printable(f"  {measured.remark}"), sep="\n")
-    for mode in measured.modes:
-        _show_mode(*mode)
-    print(NO_KEYS)
+    _show_modes(measured)
+    _write(measured, given, yes=on.yes)
     return 0
 
 
-def _show_mode(letter: str, frequency: float, damping: float, share: float) -> None:
-    numbers = f"{frequency:7.2f} Hz, damping {damping:.3f}"
-    print(f"{letter.upper()}  {numbers}, {100.0 * share:.0f} % of the energy")
+def _show_modes(measured: Measured) -> None:
+    print(printable(measured.title), printable(f"  {measured.remark}"), sep="\n")
+    for letter, frequency, damping, share in measured.modes:
+        numbers = f"{frequency:7.2f} Hz, damping {damping:.3f}"
+        print(f"{letter.upper()}  {numbers}, {100.0 * share:.0f} % of the energy")
 
 
 def _measure(order: Order, on: GaugeOptions, probe: ProbeOptions) -> int:
@@ -444,7 +436,8 @@ def _write(measured: Measured, machine: Machine, *, yes: bool) -> None:
             print("nothing was written")
             return
     change.write()
-    written = printable(f"written to {change.file}")
-    print(written, "home the machine before it runs again", sep="\n")
+    print(printable(f"written to {change.file}"))
+    if not measured.modes:
+        print("home the machine before it runs again")
     if machine.error_map is not None and measured.is_of_place:
         print("machine.error_map was measured with the values before: measure it again")

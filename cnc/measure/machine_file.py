@@ -21,13 +21,12 @@ from typing import Any
 from cnc.machine.compensation import ErrorPoint
 from cnc.machine.load import machine_of_text, shipped_machines
 from cnc.machine.models import Machine
-from cnc.measure.procedures import Measured
+from cnc.measure.procedures import KeyValue, Measured
 from cnc.model.diagnostics import Diagnostic, UsageError
 from cnc.session.required_capabilities import takes_lines
 
-NO_KEYS = "the machine file has no keys for modes: use the numbers for an input shaper"
 Path_ = tuple[str, ...]
-Value = float | str | None
+Value = KeyValue
 _HEADER = re.compile(r"\s*\[\s*([\w.\s\"'-]+?)\s*\]\s*(#.*)?")
 _ANY_HEADER = re.compile(r"\s*\[")
 
@@ -65,14 +64,13 @@ class Change:
         shipped = map(str, shipped_machines().values())
         refusal = ""
         if not keys:
-            refusal = NO_KEYS if measured.modes else "the machine file stays as it is"
+            refusal = "the machine file stays as it is"
         elif not machine.file or not file.is_file() or machine.file in shipped:
             refusal = "write into a machine file of your own:"
         elif takes_lines(machine.board.kind):
             refusal = (
-                f"nothing was written: the board {machine.board.kind} plans by itself, so errors "
-                "of\nthe machine are not compensated there. For a board that plays pulses it would "
-                "be:"
+                f"nothing was written: the board {machine.board.kind} plans by itself, so such "
+                "keys\nhave no effect there. For a board that plays pulses it would be:"
             )
         return cls(file, keys, remark, table, _csv(measured.table, remark), refusal)
 
@@ -80,7 +78,7 @@ class Change:
     def steps(self) -> list[str]:
         """What is changed."""
         steps = [
-            f"{'.'.join(path)} = {value}" if value is not None else f"no {'.'.join(path)}"
+            f"{'.'.join(path)} = {_shown(value)}" if value is not None else f"no {'.'.join(path)}"
             for path, value in self.keys.items()
         ]
         if self.table is not None and not self.refusal:
@@ -199,8 +197,16 @@ def _set(tables: dict[str, Any], path: Path_, value: Value) -> None:
         tables[path[-1]] = value
 
 
+def _shown(value: Value) -> str:
+    """Return a value for people: a text without quotes."""
+    return value if isinstance(value, str) else _text(value)
+
+
 def _text(value: Value) -> str:
     """Return a value as TOML."""
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        rows = (", ".join(f"{name} = {part!r}" for name, part in row.items()) for row in value)
+        return f"[{', '.join(f'{{{row}}}' for row in rows)}]"
     if isinstance(value, str):
         escaped = value.replace("\\", "\\\\").replace('"', '\\"')
         return f'"{escaped}"'

@@ -141,6 +141,9 @@ class Bar(NamedTuple):
     after_part: float
 
 
+KeyValue = float | str | Sequence[Mapping[str, float]] | None
+
+
 class AxisMode(NamedTuple):
     """A mode of the frame that an axis excites.
 
@@ -166,7 +169,7 @@ class Measured:
         remark: How, in one line: it is written behind the keys.
         rows: The picture.
         keys: Values of the machine file by their path, such as ("axes", "x", "backlash"); None
-            for a key that goes.
+            for a key that goes, rows for an array of tables.
         table: Rows of the error table that a key names; none without such a key.
         modes: Modes of the frame.
     """
@@ -174,7 +177,7 @@ class Measured:
     title: str
     remark: str
     rows: tuple[Row, ...]
-    keys: Mapping[tuple[str, ...], float | str | None]
+    keys: Mapping[tuple[str, ...], KeyValue]
     table: tuple[ErrorPoint, ...] = field(default=())
     modes: tuple[AxisMode, ...] = field(default=())
 

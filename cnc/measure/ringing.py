@@ -15,6 +15,7 @@ from __future__ import annotations
 import csv
 import math
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -26,6 +27,9 @@ from cnc.measure.procedures import AxisMode, Measured, Procedure, Scale, Shake
 from cnc.model.diagnostics import Diagnostic, UsageError
 
 Floats = NDArray[np.float64]
+
+MOST_DAMPING = 0.5
+"""Highest damping ratio that the machine file takes."""
 Roots = NDArray[np.complex128]
 
 LOWEST = 5.0
@@ -160,11 +164,30 @@ def shaken(scale: Scale) -> Procedure:
     scale.check(*(scale.place + way for way in ways))
     record = yield Shake(scale.letter, ways, REST)
     samples, rate = rests(record, scale.letter)
-    found = tuple(AxisMode(scale.letter, *mode) for mode in modes(samples, rate))
-    listed = ", ".join(f"{mode.frequency:.2f} Hz" for mode in found)
-    title = f"modes along {scale.letter.upper()}: {listed}"
     method = f"{len(ways)} moves there and back, {record.rate:.0f} samples a second"
-    return Measured(title, method, (), {}, modes=found)
+    return of_columns({scale.letter: samples}, rate, method)
+
+
+def of_record(record: Accelerations, name: str) -> Measured:
+    """Return the modes of a record. UsageError ``record-form`` where nothing rings out."""
+    method = f"{name}, {record.rate:.0f} samples a second"
+    return of_columns(record.columns, record.rate, method)
+
+
+def of_columns(columns: Mapping[str, Floats], rate: float, method: str) -> Measured:
+    """Return the modes of the samples of each axis, and the keys of the machine file for them."""
+    listed = tuple(
+        AxisMode(letter, *mode)
+        for letter, samples in columns.items()
+        for mode in modes(samples, rate)
+    )
+    keys: dict[tuple[str, ...], list[dict[str, float]]] = {}
+    for mode in listed:
+        damping = round(min(mode.damping, MOST_DAMPING), 4)
+        row = {"frequency": round(mode.frequency, 2), "damping": damping}
+        keys.setdefault(("vibration", mode.axis), []).append(row)
+    texts = ", ".join(f"{mode.axis.upper()} {mode.frequency:.2f} Hz" for mode in listed)
+    return Measured(f"modes along {texts}", method, (), keys, modes=listed)
 
 
 def rests(record: Accelerations, letter: str) -> tuple[Floats, float]:

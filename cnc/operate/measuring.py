@@ -12,7 +12,7 @@ from cnc.boards.protocols import Accelerations, Accelerometer, LineSink, PulseSi
 from cnc.boards.registry import open_board
 from cnc.machine.models import Machine
 from cnc.measure.limits import UNITS, Bounds, Raised, Raising, Strokes, limits
-from cnc.measure.orders import Order
+from cnc.measure.orders import Order, Ringing
 from cnc.measure.procedures import (
     Answer,
     GoTo,
@@ -90,7 +90,9 @@ def measured_machine(machine: Machine, order: Order) -> Machine:
         raise UsageError(Diagnostic("measure-option", message, hint=hint))
     # A touch needs an axis that rests while another one moves.
     apart = {letter for letter in machine.axes if letter in LINEAR} if touched else ()
-    return uncompensated(machine, {*letters, *apart}, square=len(letters) > 1)
+    plain = uncompensated(machine, {*letters, *apart}, square=len(letters) > 1)
+    # A frame that is measured has to ring.
+    return plain.model_copy(update={"vibration": {}}) if isinstance(order, Ringing) else plain
 
 
 def no_probe() -> UsageError:

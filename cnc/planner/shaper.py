@@ -32,9 +32,9 @@ OFF = 0.2
 """How far the true frequency may be off."""
 FREQUENCIES = 17
 """Frequencies of a mode for which a shaper is made, evenly from 20 % below to 20 % above."""
-PLACES = 64
+PLACES = 48
 """Parts of the length of a shaper, at whose ends its parts may lie at first."""
-HALVINGS = 9
+HALVINGS = 6
 """Halvings of the interval in which the shortest length is sought."""
 MARGIN = 0.98
 """Part of the bounds that is used while the places of the parts are sought."""
@@ -102,7 +102,7 @@ def shortest_shaper(modes: tuple[Mode, ...]) -> Shaper:
     around = [Mode(mode.frequency * part, mode.damping) for mode in modes for part in off]
     periods = [1.0 / mode.frequency for mode in modes]
     # One shaper after the other keeps the bounds, and each is shorter than a period.
-    short, long = 0.5 * max(periods), sum(periods)
+    short, long = 0.85 * max(periods), sum(periods)
     for _ in range(HALVINGS):
         middle = 0.5 * (short + long)
         waves = _waves(np.linspace(0.0, middle, PLACES + 1), around) / bounds[:, None]

@@ -12,9 +12,9 @@ from typing import Any, Literal
 
 from cnc.boards.registry import board_factory
 from cnc.measure.limits import UNITS, Raised
-from cnc.measure.machine_file import NO_KEYS, Change
+from cnc.measure.machine_file import Change
 from cnc.measure.procedures import Measured
-from cnc.measure.ringing import modes, record_of
+from cnc.measure.ringing import of_record, record_of
 from cnc.model.diagnostics import Diagnostic, UsageError
 from cnc.operate.remote_session import SessionAccess
 
@@ -103,15 +103,9 @@ class LastMeasurement:
         if self.shown.running:
             message, hint = "a measurement is under way", "wait for its end, or stop it"
             raise UsageError(Diagnostic("machine-busy", message, hint=hint))
-        rate, columns, _ = record_of(text, name)
-        listed = [
-            {"axis": letter, **mode._asdict()}
-            for letter, samples in columns.items()
-            for mode in modes(samples, rate)
-        ]
-        title = f"{name}: {rate:.0f} samples a second"
+        measured = of_record(record_of(text, name), name)
         number = next(self._numbers)
-        result = Result(title=title, modes=listed, refusal=NO_KEYS)
+        result = self._result(number, self._session.state.board, measured)
         self._show(Measurement(number=number, kind="ringing", result=result))
 
     def write(self, number: int) -> None:

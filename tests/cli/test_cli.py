@@ -457,6 +457,18 @@ def test_overrides_of_grbl_are_refused_on_other_boards(cncrun, program, option, 
     assert cncrun(program("G0 X1\nM2\n"), "--board", "grbl-sim", option, "50")[0] == 0
 
 
+def test_a_board_that_plans_by_itself_does_not_use_the_modes_of_the_machine(
+    cncrun, program, tmp_path
+):
+    file = tmp_path / "g.toml"
+    text = shipped_machines()["grbl-uno"].read_text(encoding="utf-8")
+    file.write_text(text + "\n[vibration]\nx = {frequency = 38}\n", encoding="utf-8")
+    words = (program("G21 G90\nG1 X0.1 F600\nM2\n"), "--machine", str(file))
+    code, _, err = cncrun(*words, "--board", "grbl-sim", "--yes")
+    assert code == 0
+    assert "vibration-on-board: the board plans its own motion" in err
+
+
 @pytest.mark.parametrize("command", [("check",), ("--dry-run",), ()])
 def test_the_travel_of_the_default_machine_is_named(cncrun, program, command):
     file = program("G21 G90\nG0 X1000\nM2\n")

@@ -148,7 +148,7 @@ def test_what_cannot_be_measured_is_refused(cncrun, mill, typed, words, code):
     assert f"{code}: " in err
 
 
-def test_modes_are_found_in_a_record(cncrun, tmp_path):
+def test_modes_are_found_in_a_record_and_written(cncrun, mill, tmp_path):
     """A frame that is struck once a second; an axis that hears nothing is refused by name."""
     t = np.arange(0.0, 4.0, 0.001)
     after = t % 1.0
@@ -165,6 +165,16 @@ def test_modes_are_found_in_a_record(cncrun, tmp_path):
     assert code == 0
     shown = [line.split() for line in out.splitlines() if line.startswith("X ")]
     assert [float(words[1]) for words in shown] == pytest.approx([38.0, 61.0], rel=0.01)
+    assert "write into a machine file of your own:\n  vibration.x = [{frequency = 3" in out
+    before = mill.read_text()
+    code, out, _ = cncrun("measure", "ringing", str(file), "--machine", str(mill), "--yes")
+    assert code == 0
+    assert "home the machine" not in out
+    modes = load_machine(mill).vibration["x"]
+    assert [mode.frequency for mode in modes] == pytest.approx([38.0, 61.0], rel=0.01)
+    assert [mode.damping for mode in modes] == pytest.approx([0.05, 0.04], rel=0.1)
+    assert mill.read_text().startswith(before)
+    assert "record.csv, 1000 samples a second" in mill.read_text()
     file.write_text("time,ax\n" + "\n".join(f"{time:.4f},1.0" for time in t) + "\n")
     code, _, err = cncrun("measure", "ringing", str(file))
     assert code == 2

@@ -263,7 +263,8 @@ def test_an_axis_is_shaken_and_its_rests_show_the_mode(bench, monkeypatch):
     assert mode.axis == "x"
     assert mode.frequency == pytest.approx(33.0, rel=0.001)
     assert mode.damping == pytest.approx(0.04, rel=0.02)
-    assert measured.keys == {}
+    (row,) = measured.keys["vibration", "x"]
+    assert row == {"frequency": round(mode.frequency, 2), "damping": round(mode.damping, 4)}
     ways = [0.8, 1.3, 2.1, 3.4, 5.5]
     assert places == [0.0, 0.0, *(at for way in ways for at in (way, way, 0.0, 0.0))]
     assert (sensor.calls[0], sensor.calls[-1], sensor.calls.count("end")) == ("begin", "end", 1)

@@ -60,7 +60,7 @@ def random_modes(rng: np.random.Generator, names: str = "xy") -> Modes:
     return {name: (rng.uniform(15.0, 80.0), rng.uniform(0.02, 0.1)) for name in names}
 
 
-@pytest.mark.parametrize("seed", range(share(200, 6)))
+@pytest.mark.parametrize("seed", range(share(200, 4)))
 def test_little_remains_after_moves_and_reversals(seed: int) -> None:
     """Straight moves with rests: of each oscillator 5 % remains, 10 % if it is off by 20 %."""
     rng = np.random.default_rng([seed, 1])
@@ -80,7 +80,7 @@ def test_little_remains_after_moves_and_reversals(seed: int) -> None:
     assert (after <= 1.05 * np.tile([allowed for _, allowed in OFF], 2) * before + 1e-6).all()
 
 
-@pytest.mark.parametrize("seed", range(share(200, 6)))
+@pytest.mark.parametrize("seed", range(share(200, 4)))
 def test_a_stop_takes_at_most_a_period_longer(seed: int) -> None:
     """That of the slowest mode of the axes that move; two modes may take a tenth more."""
     rng = np.random.default_rng([seed, 2])
@@ -115,7 +115,7 @@ def test_an_arc_moves_the_axes_of_its_plane() -> None:
     assert end_of(plans(circle, ringing(mill, {"z": (20.0, 0.05)}))) < plain + 0.03
 
 
-@pytest.mark.parametrize("seed", range(share(400, 12)))
+@pytest.mark.parametrize("seed", range(share(400, 6)))
 def test_shaped_motion_is_legal_on_any_path_under_an_operator(seed: int) -> None:
     rng = np.random.default_rng([seed, 3])
     mill = random_machine(rng)
