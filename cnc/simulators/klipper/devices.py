@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from abc import ABC, abstractmethod
 from collections import deque
 from dataclasses import dataclass, field
 
@@ -24,14 +25,14 @@ AT_POWER_UP = {GSTAT: 1, DRV_STATUS: 31 << 16}
 """A reset is noted, and DRV_STATUS has the scale of the current."""
 
 
-class SpiDevice:
+class SpiDevice(ABC):
     """A device behind a chip select."""
 
     __slots__ = ()
 
+    @abstractmethod
     def transfer(self, data: bytes) -> bytes:
         """Exchange bytes."""
-        raise NotImplementedError
 
 
 class Reader:
