@@ -144,6 +144,12 @@ class Rewind:
 SOONER = 0.5
 """Part of the length of a slice that one has for whose end a request waits."""
 
+SETTLED = 1.0
+"""s; so much of a plan for a request is settled where the motion is shaped."""
+
+FOLLOWED = 0.5
+"""s; so much of a plan is followed where no other one is found."""
+
 MOST_CAUTION = 12
 """Number of times that a plan is made again more slowly."""
 
@@ -363,6 +369,8 @@ class LookAhead:
         if isinstance(self._corners, Shaping):
             self._corners = self._corners.copy(self.audit)
             self._corners.mixes_feeds(self._window.slows_until)
+            # The rest is planned again, with caution where a bend needs it.
+            self._window.settle_until(SETTLED)
         return self._refusal() is None
 
     def _state(self) -> State:
@@ -380,6 +388,8 @@ class LookAhead:
     def _prepared(self) -> bool:
         """Return whether there is something to send on, which the audit accepts.
 
+        A shaped motion comes to rest where no other one is accepted, and goes on from there.
+
         Raises:
             MotionLimitError: ``plan-illegal`` where it refuses the slowest plan too.
         """
@@ -394,11 +404,11 @@ class LookAhead:
                 self._window.caution = 0
                 return True
             if before.caution == MOST_CAUTION:
-                follows = before.moving and not before.settled
-                if not (follows and isinstance(self._corners, Shaping)):
+                if not (before.moving and isinstance(self._corners, Shaping)):
                     raise refusal
-                # The plan before leads to rest, and was accepted up to there.
-                before.follow_to_rest()
+                before.stop()
+            elif before.caution > MOST_CAUTION:
+                raise refusal
             self._window = before
             before.caution += 1
 
@@ -421,11 +431,11 @@ class LookAhead:
             # What is held back may become the end of the motion.
             deque(corners.copy(audit.copy(), searches=taken).flush(), maxlen=0)
             if isinstance(corners, Shaping):
-                # The bounds in bends are estimates: the plan to rest behind it is examined, too.
+                # The bounds in bends are estimates: what may be followed behind is examined, too.
                 rest = trial.copy()
                 rest.follow_to_rest()
                 if rest.settled:
-                    deque(corners.copy(audit.copy()).passed(rest.take(LONG)), maxlen=0)
+                    deque(corners.copy(audit.copy()).passed(rest.take(FOLLOWED)), maxlen=0)
         except MotionLimitError as error:
             return error
         window.unproved = trial.unproved = False

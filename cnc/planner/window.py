@@ -38,6 +38,7 @@ from cnc.planner.phases import (
     first_steady,
     last_bound,
     slice_end,
+    steady_from,
 )
 from cnc.planner.plan import PlanChunk, RunClock
 from cnc.planner.slowing import (
@@ -368,6 +369,15 @@ class Window:
             plan.rest_at = float(plan.phases[plan.settled]["s"])
             plan.phases = plan.phases[: plan.settled]
         self.unproved = True
+
+    def settle_until(self, seconds: float) -> None:
+        """Settle the plan up to a point without acceleration after ``seconds``, no farther."""
+        plan = self._plan
+        count = int(np.searchsorted(np.cumsum(plan.phases["duration"]), seconds)) + 1
+        count = steady_from(plan.phases, min(count, len(plan.phases)))
+        if count < plan.settled:
+            plan.settled = count
+            plan.unsettled, plan.arrived = 0, 0
 
     def _enough(self, goal: float) -> bool:
         """Return whether enough of the path is known to plan it."""
