@@ -278,6 +278,7 @@ class Console:
         self._run: _Run | None = None
         self._asked: _Run | None = None
         self._lock = threading.Lock()
+        self._history = threading.Lock()
         self._closing = False
         self._end_listening = session.listen(self._event)
 
@@ -440,15 +441,12 @@ class Console:
 
         def begun(done: Future[Future[JobEnded]]) -> None:
             if done.exception() is None:
-                self._run = run
-                # A server that is killed during the run leaves this record of it.
-                with suppress(OSError, UsageError):
-                    self.library.add_run(Run(job=name, began=run.began), "")
+                self._record_begin(run)
                 done.result().add_done_callback(lambda each: self._ended(run, each))
             elif self._asked is run:
                 self._asked = None
 
-        # In the thread of the events, so that none comes between.
+        # In the thread of the events, or here: then a short run may have ended already.
         asked.add_done_callback(begun)
         await asyncio.wrap_future(asked)
 
@@ -517,8 +515,6 @@ class Console:
         self.hub.publish_object(event | {"findings": findings})
 
     def _ended(self, run: _Run, done: Future[JobEnded]) -> None:
-        if run.recorded:
-            return
         error = done.exception()
         if error is None:
             ended = done.result()
@@ -528,10 +524,23 @@ class Console:
             ended = JobEnded(program=run.job, outcome="failed")
         self._record(run, ended)
 
+    def _record_begin(self, run: _Run) -> None:
+        """Write the begin of a run to the history, if its end is not there yet."""
+        with self._history:
+            if run.recorded:
+                return
+            self._run = run
+            # A server that is killed during the run leaves this record of it.
+            with suppress(OSError, UsageError):
+                self.library.add_run(Run(job=run.job, began=run.began), "")
+
     def _record(self, run: _Run, ended: JobEnded) -> None:
         """Write the end of a run to the history."""
-        run.recorded = True
-        self._run = self._asked = None
+        with self._history:
+            if run.recorded:
+                return
+            run.recorded = True
+            self._run = self._asked = None
         for finding in ended.findings:
             run.note(f"{finding.severity}: {finding.code}: {finding.message}")
         run.note(f"end: {ended.outcome}")

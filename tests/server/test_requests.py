@@ -391,3 +391,25 @@ def test_a_stop_without_a_board_waits_for_nothing(client, console, monkeypatch):
     monkeypatch.setattr(console.session._worker.view, "board", "")
     monkeypatch.setattr(console.session, "ask", lambda *_, **__: Future())
     assert client("POST", "/api/stop").json() == {"accepted": True}
+
+
+def test_a_run_that_ends_at_once_is_not_under_way(controller, console, library, monkeypatch):
+    """Its end may come before the answer to the request."""
+    ask = console.session.ask
+
+    def late(*words, **names):
+        asked = ask(*words, **names)
+        wait_until(asked.result().done)
+        wait_until(lambda: [run for run in library.history() if run["job"] == "wrong.nc"])
+        return asked
+
+    idle(console)
+    text = "G21 G90\nG1 X1\nM2\n"
+    assert controller("PUT", "/api/jobs/wrong.nc", {"text": text}).status_code == 200
+    monkeypatch.setattr(console.session, "ask", late)
+    options = {"trust_position": True}
+    assert controller("POST", "/api/jobs/wrong.nc/run", options).status_code == 200
+    monkeypatch.undo()
+    run = library.history()[0]
+    assert (run["job"], run["outcome"]) == ("wrong.nc", "failed")
+    assert controller("DELETE", "/api/jobs/wrong.nc").status_code == 200
