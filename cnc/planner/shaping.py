@@ -41,7 +41,9 @@ from cnc.planner.shaper import NO_SHAPER, Mode, Shaper, shortest_shaper
 Floats = NDArray[np.float64]
 
 KEPT = 1.0
-"""s; motion of the window that stays known behind its end. A request returns less far."""
+"""s; so much motion of the window stays known, and the length of a shaper before it. A request
+returns less far.
+"""
 MOVES = 1e-9
 """mm; an axis that moves less on a piece does not move there."""
 APART = 1e-11
@@ -67,7 +69,7 @@ class Stretch:
     """Motion of the window from a rest on.
 
     Attributes:
-        plan: the motion up to now; what is older than ``KEPT`` is left out.
+        plan: the motion up to now; what no later motion needs is left out.
         shaper: of the stretch.
         later: time by which stretches before have become longer, s.
     """
@@ -170,7 +172,7 @@ class Shaping:
             if stretch.rests and stretch.shaper.length > 0.0:
                 # The window rests already: no request begins in here.
                 yield self._audited(stretch, end, end + stretch.shaper.length, math.nan)
-            self._forget(stretch.end - KEPT)
+            self._forget(stretch.end - KEPT - stretch.shaper.length)
 
     def _forget(self, time: float) -> None:
         """Leave out what is before a time of the window."""

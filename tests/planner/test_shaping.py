@@ -106,6 +106,14 @@ def test_an_axis_without_modes_is_not_slower() -> None:
     assert of_tool > own + 0.03
 
 
+def test_a_shaper_may_be_longer_than_a_second() -> None:
+    """In slices: the motion that it mixes is long past."""
+    modes = {"x": (1.0, 0.0), "tool": (1.3, 0.0)}
+    motion, _ = driven([lines((100.0, 0.0, 0.0), 20.0)], ringing(machine(), modes), lambda *_: None)
+    assert_on_the_path(motion)
+    assert motion[-1].positions(np.array([motion[-1].duration]))[0, 0] == pytest.approx(100.0)
+
+
 def test_an_arc_moves_the_axes_of_its_plane() -> None:
     """Also a whole circle, which ends where it begins."""
     mill = machine()
