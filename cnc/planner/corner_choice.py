@@ -156,6 +156,7 @@ class Trials:
         if not (passes and path.tolerance.any()):
             return float(phases["duration"].sum())
         plan = section.plan_chunk(phases, (goal, 0.0, 0.0), limits, 0.0)
+        self.solutions.promised[0] = 1.0
         corners = CornerMotions(limits, Audit(limits), self._work, self.solutions)
         try:
             parts = [*corners.passed((plan,)), *corners.flush()]

@@ -28,6 +28,7 @@ from cnc.planner.kernels.corner_places import count_corners, first_undecided, le
 from cnc.planner.kernels.corner_search import Solutions, new_solutions
 from cnc.planner.kernels.corner_stops import (
     CORNER_STEPS,
+    Before,
     PassedChains,
     corner_size,
     pass_corners,
@@ -73,6 +74,8 @@ class CornerMotions:
         self._held: PlanChunk | None = None
         self._shared = False
         """Whether the next part begins on a leg that begins with a corner that is passed."""
+        self._chains_until = 0.0
+        """Time in the plans at which the last chain of corners ends, s."""
         self._searches = True
         self._earlier = 0.0
         self._shorter = 0.0
@@ -172,6 +175,7 @@ class CornerMotions:
             cut = without.plan
             broken, before = self._audit.examined(cut)
             if not broken:
+                self._chains_until = plan.t0 + plan.duration - without.alone
                 self._earlier += plan.duration - cut.duration
                 self._shorter += float(plan.phase_s[-1] - cut.phase_s[-1])
                 return FinishedPart(cut, without.chains, plan.t0, self._shared, before)
@@ -223,10 +227,10 @@ class CornerMotions:
         out_plan = empty_plan(most, phases)
         chains = PassedChains(np.empty(corners), np.empty(corners), np.empty(corners))
         with self._work.ahead(plan.duration):
-            count, spans, numbers, passed = pass_corners(
+            count, spans, numbers, passed, alone = pass_corners(
                 path,
                 plan.arrays,
-                self._shared,
+                Before(self._shared, max(plan.t0 - self._chains_until, 0.0)),
                 limits.feeds(plan.path),
                 limits.arrays,
                 limits.travel,
@@ -236,6 +240,7 @@ class CornerMotions:
                 chains,
             )
         if not passed:
+            self._chains_until = plan.t0 + plan.duration - alone
             return None
         moved = self._moved(plan)
         cut = PlanChunk(
@@ -253,7 +258,8 @@ class CornerMotions:
         before = np.concatenate(([0.0], earlier[:-1]))
         in_stops = (plan.t0 + begin, plan.t0 + end)
         motions = zip(begin - before, end - earlier, *in_stops, strict=True)
-        return _Passing(cut, out.line[:count], tuple(PassedChain(*map(float, m)) for m in motions))
+        passed_chains = tuple(PassedChain(*map(float, m)) for m in motions)
+        return _Passing(cut, out.line[:count], passed_chains, alone)
 
 
 class _Passing(NamedTuple):
@@ -263,8 +269,10 @@ class _Passing(NamedTuple):
         plan: the plan.
         origin: the piece of the plan with stops of which each piece was made.
         chains: the motions past corners.
+        alone: time from the end of the last chain of corners to the end of the plan, s.
     """
 
     plan: PlanChunk
     origin: NDArray[np.int32]
     chains: tuple[PassedChain, ...]
+    alone: float

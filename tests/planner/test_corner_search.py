@@ -13,6 +13,7 @@ from cnc.planner.kernels.corner_search import (
     OPEN,
     goes_on,
 )
+from cnc.planner.kernels.corner_stops import WORTH
 from cnc.planner.limits import Limits
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
@@ -134,3 +135,61 @@ def test_nothing_is_sought_where_the_work_is_used_up():
     times, taken = row_ends([0.1], work)
     assert taken[0] > 1e-3
     assert times[0] < stop[0]
+
+
+def zigzag(rows: list[float]) -> np.ndarray:
+    """Return the corners of rows of a surface, with the length of each row, mm."""
+    steps = []
+    for k, row in enumerate(rows):
+        tilt = 0.1 + 0.001 * k
+        steps += [(-1.0) ** k * row * np.array([1.0, 0.0, tilt]), np.array([0.0, 0.4, 0.02])]
+    return np.cumsum(steps, axis=0)
+
+
+def passed_rows(points: np.ndarray, promised: float = 1.0) -> tuple[list[PlanChunk], int]:
+    """Return the motion past the ends of rows, and the number of searches.
+
+    ``promised``: the part of their time that motions are expected to save at first.
+    """
+    mill = machine(axis=(ACCELERATION, JERK), tangential=ACCELERATION, jerk=JERK)
+    stops, ahead = planned(points, 0.0, mill, 40.0)
+    for chunk in stops:
+        chunk.path.tolerance[:] = 0.01
+    motions = CornerMotions(ahead.limits, Audit(ahead.limits), Work(1e3))
+    motions._solutions.promised[0] = promised
+    parts = [part.plan for part in (*motions.passed(stops), *motions.flush())]
+    assert not ahead.audit.violations
+    return parts, int(motions._solutions.next[0])
+
+
+def duration(parts: list[PlanChunk]) -> float:
+    return sum(part.duration for part in parts)
+
+
+@pytest.mark.parametrize("row", [1000.0, 4000.0])
+def test_corners_far_apart_stay_stops_where_the_last_ones_gained_too_little(row):
+    """One of about ten is sought, and what the others cost is below WORTH of the time."""
+    points = zigzag([row] * 40)
+    all_sought, searches = passed_rows(points, promised=np.inf)
+    assert searches >= 40
+    some, few = passed_rows(points)
+    assert 2 <= few <= searches / 4
+    assert duration(all_sought) < duration(some) < duration(all_sought) * (1.0 + WORTH)
+
+
+def test_corners_close_together_are_all_sought_also_behind_those_far_apart():
+    far, near = [2000.0] * 20, [4.0] * 30
+    (alone, searches), (_, before) = passed_rows(zigzag(near)), passed_rows(zigzag(far))
+    assert passed_rows(zigzag(near), promised=np.inf)[1] == searches
+    both, sought = passed_rows(zigzag(far + near))
+    assert sought >= before + searches - 2
+    gained = duration(passed_rows(zigzag(far + near), promised=0.0)[0]) - duration(both)
+    assert gained > 0.9 * (duration(passed_rows(zigzag(near), promised=0.0)[0]) - duration(alone))
+
+
+def test_a_chain_that_is_left_out_stays_a_row_of_stops():
+    """Its second corner is not sought on its own."""
+    parts, searches = passed_rows(zigzag([2000.0] * 4), promised=0.0)
+    assert searches == 0
+    rests = sum(int(np.count_nonzero(part.phase_v[1:] == 0.0)) for part in parts)
+    assert rests == 8

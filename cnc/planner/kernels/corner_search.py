@@ -51,6 +51,7 @@ class Solutions(NamedTuple):
         spans: (SOLUTIONS, groups): logarithms of the durations of its groups.
         exists: (SOLUTIONS,): 1 if there is a motion, or 0.
         next: (1,): the one to be replaced next.
+        promised: (1,): part of its duration that the next motion is expected to save.
         left: (1,): computing time that is left, s. Without it nothing is sought.
     """
 
@@ -60,6 +61,7 @@ class Solutions(NamedTuple):
     spans: Floats
     exists: Ints
     next: Ints
+    promised: Floats
     left: Floats
 
 
@@ -72,6 +74,7 @@ def new_solutions(left: Floats) -> Solutions:
         np.empty((SOLUTIONS, GROUPS * (MOST_CORNERS + 1))),
         np.zeros(SOLUTIONS, np.int64),
         np.zeros(1, np.int64),
+        np.ones(1),
         left,
     )
 

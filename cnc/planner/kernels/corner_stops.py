@@ -45,9 +45,8 @@ from cnc.planner.kernels.corner_places import (
     phase_of_time,
     state_at,
 )
-from cnc.planner.kernels.corner_rows import Rows, new_rows
+from cnc.planner.kernels.corner_rows import new_rows
 from cnc.planner.kernels.corner_search import (
-    Motion,
     Solutions,
     find_motion,
     goes_on,
@@ -57,6 +56,27 @@ from cnc.planner.kernels.legs import write_line
 
 CORNER_STEPS = 2 * LEG_STEPS
 """Largest number of steps for each corner."""
+
+
+WORTH = 2e-3
+"""Part of the time since the chain before that a search has to promise."""
+
+FALL, RISE = 0.25, 1.15
+"""Factors of the promised gain: of a search that gained less, and of a chain that is left out. So
+one of ten chains is sought where all gain too little.
+"""
+
+
+class Before(NamedTuple):
+    """The motion before a plan.
+
+    Attributes:
+        shared: whether the first leg begins with a corner that the motion passes.
+        time: from the end of the last chain of corners to the start of the plan, s.
+    """
+
+    shared: bool
+    time: float
 
 
 class PassedChains(NamedTuple):
@@ -74,18 +94,15 @@ class PassedChains(NamedTuple):
 
 
 @njit
-def _motion_from(
+def _chain_and_times(
     path: PathArrays,
     plan: PlanArrays,
     b: int,
     shared: bool,
     bound: Floats,
     limits: LimitArrays,
-    travel: Floats,
-    solutions: Solutions,
-    rows: Rows,
-) -> tuple[Chain, Motion]:
-    """Return the chain that begins behind piece ``b``, and the motion past it.
+) -> tuple[Chain, tuple[float, float]]:
+    """Return the chain that begins behind piece ``b``, and the times of the motion past it, s.
 
     A chain ends before a corner at which the motion has to rest.
     """
@@ -93,10 +110,9 @@ def _motion_from(
     while True:
         chain = chain_from(path, plan, b, shared, bound, limits, most)
         times = times_of_motion(path, plan, chain, shared, bound)
-        if chain.last > b and not goes_on(times, plan, limits)[1]:
-            most = chain.last - b
-            continue
-        return chain, find_motion(path, plan, chain, times, bound, limits, travel, solutions, rows)
+        if chain.last == b or goes_on(times, plan, limits)[1]:
+            return chain, times
+        most = chain.last - b
 
 
 @njit
@@ -119,7 +135,7 @@ def _copy_phases(
 def pass_corners(
     path: PathArrays,
     plan: PlanArrays,
-    shared: bool,
+    earlier: Before,
     bound: Floats,
     limits: LimitArrays,
     travel: Floats,
@@ -127,13 +143,16 @@ def pass_corners(
     out: PathArrays,
     out_plan: PlanArrays,
     chains: PassedChains,
-) -> tuple[int, int, int, int]:
+) -> tuple[int, int, int, int, float]:
     """Replace the motion at the stops on corners of a plan.
+
+    A search promises to save the part of its motion that the last ones saved. Where that is too
+    little of the motion since the chain before, all corners of the chain stay stops.
 
     Args:
         path: of the motion.
         plan: its phases.
-        shared: whether the first leg begins with a corner that the motion passes.
+        earlier: the motion before.
         bound: (pieces,): largest feeds, mm/s.
         limits: of the machine.
         travel: (2, axes): lowest and highest positions, mm.
@@ -145,7 +164,7 @@ def pass_corners(
 
     Returns:
         The numbers of pieces, of phases, of numbers in records of the new motion, and of chains
-        that are passed.
+        that are passed; the time from the end of the last chain to the end of the plan, s.
     """
     pieces, end = len(path.length), len(plan.j)
     progress, lowest = begun(path, out)
@@ -157,17 +176,28 @@ def pass_corners(
     passed = 0
     k = 0
     before = 0.0
+    reached = -earlier.time
+    left_out = -1
     b = 0
     while b < pieces:
         count = counts[PIECES]
         at = path.pieces.at[b] - lowest
         after = 0.0
-        if passes_corner(path, plan, b, bound, limits):
-            chain, motion = _motion_from(
-                path, plan, b, shared, bound, limits, travel, solutions, rows
-            )
-            if motion.saved > 0.0:
-                after = motion.before
+        if b > left_out and passes_corner(path, plan, b, bound, limits):
+            chain, times = _chain_and_times(path, plan, b, earlier.shared, bound, limits)
+            duration, promised = times[1] - times[0], solutions.promised
+            if promised[0] * duration < WORTH * (times[1] - reached):
+                promised[0] *= RISE
+                left_out = chain.last
+            else:
+                motion = find_motion(
+                    path, plan, chain, times, bound, limits, travel, solutions, rows
+                )
+                if solutions.left[0] > 0.0:
+                    promised[0] = max(FALL * promised[0], motion.saved / duration)
+                if motion.saved > 0.0:
+                    after = motion.before
+            reached = max(reached, times[1])
         out.pieces.kind[count] = path.pieces.kind[b]
         out.pieces.at[count] = at
         out.length[count] = path.length[b]
@@ -221,7 +251,8 @@ def pass_corners(
     out_plan.s[last] = plan.s[end] + places[SHIFT]
     out_plan.v[last] = plan.v[end]
     out_plan.a[last] = plan.a[end]
-    return counts[PIECES], counts[PHASES], counts[NUMBERS], passed
+    alone = plan.t[end] - reached
+    return counts[PIECES], counts[PHASES], counts[NUMBERS], passed, alone
 
 
 @njit
