@@ -67,7 +67,7 @@ def carried_out(folder: Path, arguments: list[str], states: list[str]) -> tuple[
 
 
 @pytest.mark.parametrize(
-    ("arguments", "code", "prints", "inputs", "out", "err"), CASES[:: share(1, 11)]
+    ("arguments", "code", "prints", "inputs", "out", "err"), CASES[:: share(1, 23)]
 )
 def test_closed_and_full_streams(
     folder: Path, arguments: list[str], code: int, prints: bool, inputs: str, out: str, err: str

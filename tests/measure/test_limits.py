@@ -15,6 +15,7 @@ from cnc.measure.procedures import Scale
 from cnc.model.diagnostics import CncError, UsageError
 from cnc.model.operator_control import Control, HomingStopped
 from cnc.operate.measuring import LimitTest
+from tests.support.soak import share
 
 BASE = Bounds(100.0, 1000.0, 40_000.0)
 SCALE = Scale("x", 200.0, 2.0, (0.0, 500.0))
@@ -155,7 +156,8 @@ class WeakMotor(SwitchedLoopback):
 
 
 @pytest.mark.parametrize(
-    ("velocity", "acceleration", "weak"), [(6, 4, (1, -1)), (3, 5, (1,)), (4, 3, (-1,))]
+    ("velocity", "acceleration", "weak"),
+    share([(6, 4, (1, -1)), (3, 5, (1,)), (4, 3, (-1,))], [(3, 5, (1,)), (4, 3, (-1,))]),
 )
 def test_the_limits_of_a_weak_motor_are_found_by_its_switch(velocity, acceleration, weak):
     """Each lies between the values number n - 1 and n of its series."""

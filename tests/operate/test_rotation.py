@@ -14,6 +14,7 @@ from cnc.operate.operator_session import OperatorSession
 from cnc.operate.probing import mdi_line, shipped_cycles
 from cnc.server.checking import parameters_of
 from cnc.simulators.grbl.workpiece import HalfSpace, Workpiece
+from tests.support.soak import share
 
 pytestmark = pytest.mark.usefixtures("quick_board")
 PATIENCE = 120
@@ -55,9 +56,15 @@ def probed(session, **parameters):
     return session.probe(mdi_line("probe_angle", parameters, session.machine)).result(PATIENCE)
 
 
-@pytest.mark.parametrize("degrees", [-7.3, 0.0, 4.0])
+EDGES = [(1, 1, 30.0), (1, -1, -20.0), (2, 1, 25.0), (2, -1, -30.0)]
+
+
 @pytest.mark.parametrize(
-    ("along", "direction", "length"), [(1, 1, 30.0), (1, -1, -20.0), (2, 1, 25.0), (2, -1, -30.0)]
+    ("along", "direction", "length", "degrees"),
+    share(
+        [(*edge, degrees) for edge in EDGES for degrees in (-7.3, 0.0, 4.0)],
+        [(*edge, degrees) for edge, degrees in zip(EDGES, (-7.3, 4.0, 4.0, -7.3), strict=True)],
+    ),
 )
 def test_the_angle_of_an_edge_turns_the_system(mill, along, direction, length, degrees):
     """The normal of the face is turned by the angle; the part fills the side that is probed."""

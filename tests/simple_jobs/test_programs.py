@@ -10,6 +10,7 @@ from cnc.api import check, from_text
 from cnc.model.diagnostics import UsageError
 from cnc.simple_jobs.lettering import letters, strokes
 from cnc.simple_jobs.programs import KINDS, described, written
+from tests.support.soak import share
 
 CLOSE = 3e-4
 """Rounding of the numbers of a program, mm."""
@@ -91,7 +92,7 @@ def random_values(kind, rng):
 
 
 @pytest.mark.parametrize("kind", ["rectangular-pocket", "round-pocket", "slot"])
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(share(12, 5)))
 def test_a_pocket_is_cut_to_its_wall_and_no_further(kind, seed):
     """Each place of the floor is within a radius of the tool, and the tool within the wall."""
     rng = np.random.default_rng([seed, 20261129])
