@@ -210,15 +210,6 @@ class Target:
             text = plain_text(text)
         return f"({_inside(text)})"
 
-    def dwell(self, seconds: float) -> str:
-        """Return a dwell."""
-        units = self.rules.dwell.units
-        if units.get("P") == 1.0:
-            return f"G4 P{number(seconds, 4)}"
-        if units.get("P"):
-            return f"G4 P{round(seconds / units['P'])}"
-        return f"G4 F{number(seconds, 4)}"
-
     @property
     def systems(self) -> int:
         """Number of coordinate systems: G54 and those that follow it, or one without a code."""

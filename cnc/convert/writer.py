@@ -771,7 +771,7 @@ class Writer:
             return
         match block:
             case Dwell(seconds=seconds):
-                self._out.put(self.target.dwell(seconds))
+                self._out.put(self.target.rules.dwell.line(seconds))
             case Spindle(state="off"):
                 self._out.put("M5")
                 self._out.turning.spindle = None

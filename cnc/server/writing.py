@@ -38,7 +38,7 @@ def write_simple_job(kind: str, body: NewJob, console: Shared) -> dict[str, str]
     if not can_mill(console):
         message = "simple jobs are for a mill with X, Y and Z"
         raise UsageError(Diagnostic("job-kind", message, hint="upload a program"))
-    text = written(kind, body.parameters)
+    text = written(kind, body.parameters, console.session.machine.program.dialect)
     console.refuse_change(name)
     if not body.replace and name in library.names():
         message = f"the library has {name} already"

@@ -2,8 +2,8 @@
 
     written("round-pocket", {"bore": 30, "depth": 6})
 
-Each program uses G0, G1, G3 and drilling cycles alone, so most dialects read it. Lengths are in mm
-in the coordinate system in use, Z 0 is the surface. Inner walls are cut counter-clockwise: a
+Each program uses G0, G1, G3, G4 and drilling cycles alone, so most dialects read it. Lengths are
+in mm in the coordinate system in use, Z 0 is the surface. Inner walls are cut counter-clockwise: a
 spindle that turns clockwise climbs there.
 
     pocket, each depth       helix or ramp down, then rings from the inside to the wall
@@ -21,6 +21,9 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
+from cnc.gcode.dialects import Dialect, load
+from cnc.gcode.reader.words import G, M
+from cnc.model.choices import DialectName
 from cnc.model.diagnostics import Diagnostic, UsageError
 from cnc.simple_jobs.lettering import letters, strokes
 
@@ -32,6 +35,8 @@ HELIX = 0.4
 """Radius of a helix in diameters of the tool: below 0.5, so that no core stays."""
 LEAST_HELIX = 0.05
 """Radius of the smallest helix, in diameters of the tool. A narrower pocket is a hole."""
+FIRST_CODES = (G.G21, G.G90, G.G17, G.G94, G.G40, G.G49, G.G80)
+"""Codes that set what the program relies on."""
 ABOVE = 1.0
 """Distance from the surface at which a drill begins to feed, mm."""
 
@@ -55,6 +60,9 @@ class SimpleJob(BaseModel, ABC):
     tool: int = Field(default=1, ge=0, le=9999, title="tool; 0 keeps the one in the spindle")
     diameter: Length = Field(default=6.0, title="diameter of the tool, mm")
     speed: Speed = Field(default=10000.0, title="spindle, rev/min")
+    spin_up: FiniteFloat = Field(
+        default=3.0, ge=0.0, le=60.0, title="time for the spindle to reach its speed, s"
+    )
     feed: Speed = Field(default=600.0, title="feed, mm/min")
     plunge: Speed = Field(default=200.0, title="feed into the material, mm/min")
     clear: Length = Field(default=5.0, title="Z of the moves between cuts, mm")
@@ -64,22 +72,25 @@ class SimpleJob(BaseModel, ABC):
     def cuts(self) -> Iterator[str]:
         """Yield the lines of the cuts. The tool is at ``clear`` before and after them."""
 
-    def lines(self) -> Iterator[str]:
-        """Yield the lines of the program."""
+    def lines(self, dialect: Dialect) -> Iterator[str]:
+        """Yield the lines of the program, for a control with a dialect."""
         yield f"({self.title}, depth {_n(self.depth)} mm. Zero of Z: the surface)"
         if self.tool:
             yield f"(T{self.tool} D={_n(self.diameter)} - {self.tool_kind})"
         # G49: a length of the tool table would count a second time.
         yield "(Set Z 0 with this tool. No tool length of a table is used)"
-        yield "G21 G90 G17 G94 G40 G49 G80"
+        yield " ".join(code.name for code in FIRST_CODES if code in dialect.g)
         if self.tool:
             yield f"T{self.tool} M6"
         yield f"S{_n(self.speed)} M3"
+        if self.spin_up:
+            yield dialect.dwell.line(self.spin_up)
         yield f"G0 Z{_n(self.clear)}"
         yield from self.cuts()
         yield f"G0 Z{_n(self.clear)}"
         yield "M5"
-        yield "M30"
+        if M.M30 in dialect.m:
+            yield "M30"
 
 
 class Milled(SimpleJob):
@@ -352,12 +363,14 @@ KINDS: dict[str, type[SimpleJob]] = {
 }
 
 
-def written(kind: str, parameters: Mapping[str, Any]) -> str:
+def written(kind: str, parameters: Mapping[str, Any], dialect: DialectName = "linuxcnc") -> str:
     """Return the program of a simple job.
 
     Args:
         kind: One of ``KINDS``.
         parameters: Those that differ from the defaults, by name.
+        dialect: Of the control that reads it. Some lack a code of the first line, or have another
+            word or unit for the time of G4.
 
     Raises:
         UsageError: ``job-kind``, ``job-parameter``.
@@ -372,7 +385,7 @@ def written(kind: str, parameters: Mapping[str, Any]) -> str:
         name = ".".join(map(str, first["loc"]))
         raise _wrong(f"{name[:80]}: {first['msg']}", "correct this value") from None
     lines: list[str] = []
-    for line in job.lines():
+    for line in job.lines(load(dialect)):
         if len(lines) >= MOST_LINES:
             raise _too_long()
         lines.append(line)

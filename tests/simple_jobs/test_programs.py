@@ -6,7 +6,8 @@ import re
 import numpy as np
 import pytest
 
-from cnc.api import check, from_text
+from cnc.api import check, from_text, parse
+from cnc.model.blocks import ArcFeed, Dwell, Polyline, Spindle
 from cnc.model.diagnostics import UsageError
 from cnc.simple_jobs.lettering import letters, strokes
 from cnc.simple_jobs.programs import KINDS, described, written
@@ -223,3 +224,29 @@ def test_an_unknown_job_is_refused_and_the_form_has_all_parameters():
         assert set(names) == set(KINDS[job["kind"]].model_fields)
         assert all(parameter["title"] for parameter in job["parameters"])
         assert written(job["kind"], {p["name"]: p["default"] for p in job["parameters"]})
+
+
+@pytest.mark.parametrize(
+    ("dialect", "line"),
+    [
+        ("linuxcnc", "G4 P2.5"),
+        ("grbl", "G4 P2.5"),
+        ("mach3", "G4 P2.5"),
+        ("fanuc", "G4 P2500"),
+        ("haas", "G4 P2500"),
+        ("marlin", "G4 P2500"),
+        ("siemens", "G4 F2.5"),
+    ],
+)
+def test_the_tool_moves_down_when_the_spindle_has_its_speed(dialect, line):
+    """The line is that of each control's manual; the reader of that control reads the time."""
+    text = written("surfacing", {"spin_up": 2.5, "tool": 0}, dialect)
+    lines = text.splitlines()
+    assert lines[lines.index("S10000 M3") + 1] == line
+    blocks = list(parse(from_text(text), dialect=dialect))
+    waits = [k for k, block in enumerate(blocks) if isinstance(block, Dwell)]
+    assert [blocks[k].seconds for k in waits] == [2.5]
+    moves = [k for k, b in enumerate(blocks) if isinstance(b, Polyline | ArcFeed)]
+    spins = [k for k, b in enumerate(blocks) if isinstance(b, Spindle)]
+    assert spins[0] < waits[0] < min(moves)
+    assert "G4 " not in written("surfacing", {"spin_up": 0.0}, dialect)

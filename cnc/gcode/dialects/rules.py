@@ -164,6 +164,13 @@ class DwellRules:
             return certain
         return self.units
 
+    def line(self, seconds: float) -> str:
+        """Return a line that waits for so many seconds, rounded to 0.1 ms."""
+        unit = self.units.get("P")
+        if not unit:
+            return f"G4 F{_plain(seconds)}"
+        return f"G4 P{_plain(seconds)}" if unit == 1.0 else f"G4 P{round(seconds / unit)}"
+
 
 @dataclass(frozen=True, slots=True)
 class CallRules:
@@ -304,3 +311,8 @@ def near(written: str, legal: frozenset[float]) -> list[str]:
         ]
     numbers = dict.fromkeys(float(slip) for slip in slips if slip)
     return [f"{number:g}" for number in numbers if number in legal][:3]
+
+
+def _plain(seconds: float) -> str:
+    """Return a number without an exponent, and without zeros at its end."""
+    return f"{seconds:.4f}".rstrip("0").rstrip(".")
