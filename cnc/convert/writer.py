@@ -823,6 +823,9 @@ class Writer:
     def _write_spindle(self, mark: ExecutedLines, block: Spindle) -> None:
         """Write the start of a lathe's spindle, a surface speed in m/min or feet/min."""
         scale = mark.modal.scale
+        if block.least_rpm:
+            hint = "remove G25 S, or write G97 in place of G96"
+            raise self._out.cannot(mark, "G96 has a lowest speed here", hint)
         if block.surface_speed and self._out.state.scale != scale:
             self._out.put("G21" if scale == 1.0 else "G20")
             self._out.state.scale = scale

@@ -439,6 +439,11 @@ class StepMaker:
 
             if cycle := profile_cycle(line, statement, self._dialect):
                 return cycle
+        if self._dialect.flavour == "siemens":
+            from cnc.gcode.sinumerik.flow import step_of_code
+
+            if step := step_of_code(self._flow, line, statement):
+                return step
         if self._builder_codes and (step := file_call(line, statement, self._builder_codes)):
             return step
         if statement.words or statement.assignments or statement.remarks or statement.board:
