@@ -47,6 +47,8 @@ _COMMENT = re.compile(r"\(((?:[^()]|\([^()]*\))*)\)?|;(.*)")
 """A comment, in which another one in brackets may stand."""
 _SEMICOLON = re.compile(r"(\([^)]*\)?)|;(.*)")
 _COMMAND = re.compile(r"[ \t]*(msg|debug|print|log|probe|py|abort)", re.IGNORECASE)
+_RADIUS = re.compile(rb"(\([^)\r\n]*\)?|;[^\r\n]*)|[Rr][ \t]*([-+]?[0-9.]+)")
+"""A comment, or the radius of an arc: R alone is a parameter of SINUMERIK."""
 _POINTLESS = re.compile(
     rb"(\([^)\r\n]*\)?|;[^\r\n]*)|([XYZABCUVWIJKR][+-]?[0-9]+)(?![0-9.])", re.IGNORECASE
 )
@@ -178,6 +180,8 @@ class Target:
         """Return lines of the program as this control reads them: comments, decimal points."""
         if self.rules.lines.decimal_points:
             text = _POINTLESS.sub(lambda at: at[1] or at[2] + b".", text)
+        if self.rules.name == "siemens" and self.source.flavour != "siemens":
+            text = _RADIUS.sub(lambda at: at[1] or b"CR=" + at[2], text)
         if self.rules.name == "grbl":
             text = text.translate(_NO_COMMANDS)
         if b";" in text and self.rules.name in ("fanuc", "haas", "mach3"):
