@@ -436,7 +436,7 @@ class Writer:
         state, codes = self._out.state, self.target.rules.g
         system = self._system(offsets.system)
         wanted: list[tuple[str, str, object, str]] = [
-            ("scale", "units", modal.scale, "G21" if modal.scale == 1.0 else "G20"),
+            ("scale", "units", modal.scale, self.target.units(modal.scale)),
             ("absolute", "distance", modal.absolute, "G90" if modal.absolute else "G91"),
             ("plane", "plane", modal.plane, f"G{PLANE_CODES[modal.plane].code:g}"),
             (
@@ -456,7 +456,7 @@ class Writer:
         for name, group, value, code in wanted:
             if value != getattr(state, name) and not self.target.in_group(words, group):
                 setattr(state, name, value)
-                if G(round(10 * float(code[1:]))) in codes:
+                if code and (name == "scale" or G(round(10 * float(code[1:]))) in codes):
                     missing.append(code)
         return missing
 
@@ -545,8 +545,8 @@ class Writer:
         scale = mark.modal.scale
         words = self._turning_words(mark) if self.target.is_lathe else []
         feed_mode = self._feed_mode(mark)
-        if state.scale != scale and (G.G21 if scale == 1.0 else G.G20) in has:
-            words.append("G21" if scale == 1.0 else "G20")
+        if state.scale != scale and (units := self.target.units(scale)):
+            words.append(units)
         if state.absolute is not True:
             words.append("G90")
         if state.feed_mode != feed_mode and G.G94 in has:
@@ -843,7 +843,7 @@ class Writer:
             hint = "remove G25 S, or write G97 in place of G96"
             raise self._out.cannot(mark, "G96 has a lowest speed here", hint)
         if block.surface_speed and self._out.state.scale != scale:
-            self._out.put("G21" if scale == 1.0 else "G20")
+            self._out.put(self.target.units(scale))
             self._out.state.scale = scale
         self._out.put(spindle_words(block, scale))
         self._out.turning.spindle = block
