@@ -56,8 +56,9 @@ class ArcCheck:
 
     def add(self, arc: ArcFeed, start: Floats) -> None:
         """Check an arc that begins at ``start`` (axes,) mm."""
-        columns = [self._names.index(axis) for axis in PLANE_AXES[arc.plane]]
-        begin, end = start[columns].tolist(), arc.end[columns].tolist()
+        i, j = (self._names.index(axis) for axis in PLANE_AXES[arc.plane])
+        from_place, to_place = start.tolist(), arc.end.tolist()
+        begin, end = (from_place[i], from_place[j]), (to_place[i], to_place[j])
         gap = math.dist(begin, end)
         if SAME_POINT < gap <= min(MAX_GAP, MAX_GAP_RATIO * arc.radius):
             cut = (

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import sys
+import tempfile
 from collections.abc import Iterator, Sequence
 from io import BytesIO
 from pathlib import Path
@@ -92,15 +93,18 @@ def convert_program(
         CncError: As :func:`cnc.convert.programs.convert`.
     """
     chosen = options_of(program, CommonOptions(machine=machine, dialect=dialect))
-    result = convert(
-        program,
-        chosen.machine,
-        chosen.common.dialect,
-        options.to,
-        tolerance=options.tolerance,
-        curves=options.curves,
-    )
-    _write(file, BytesIO(result.text))
+    with tempfile.TemporaryFile() as text:
+        result = convert(
+            program,
+            chosen.machine,
+            chosen.common.dialect,
+            options.to,
+            tolerance=options.tolerance,
+            curves=options.curves,
+            into=text,
+        )
+        text.seek(0)
+        _write(file, text)
     if json is not None:
         write_object(json, result.as_json())
     if not quiet:

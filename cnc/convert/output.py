@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,9 +49,9 @@ class Output:
         target: The control.
         axes: Letters of the machine's axes.
         start: Position before the program (axes,), mm.
+        file: Receives the lines.
 
     Attributes:
-        parts: The text so far.
         line: Number of the next line.
         label: Block number for the next line with code.
         position: Position behind the lines (axes,), mm.
@@ -61,9 +61,11 @@ class Output:
         turning: Its state that only lathes need.
     """
 
-    def __init__(self, target: Target, axes: tuple[str, ...], start: NDArray[np.float64]) -> None:
+    def __init__(
+        self, target: Target, axes: tuple[str, ...], start: NDArray[np.float64], file: IO[bytes]
+    ) -> None:
         self.target, self.axes = target, axes
-        self.parts: list[bytes] = []
+        self._file = file
         self.line = 1
         self.label = b""
         self.position = start
@@ -249,8 +251,13 @@ class Output:
         """Write a line, with the block number that waits for one."""
         if self.label and text and text[:1] not in (b"(", b";"):
             text, self.label = self.label + text, b""
-        self.parts.append(text.rstrip(b"\r") + b"\n")
+        self._file.write(text.rstrip(b"\r") + b"\n")
         self.line += 1
+
+    def put_lines(self, text: bytes, count: int) -> None:
+        """Write lines with their ends; the last one may have none."""
+        self._file.write(text if text.endswith((b"\n", b"\r")) else text + b"\n")
+        self.line += count
 
     def cannot(self, mark: ExecutedLines, message: str, hint: str) -> GcodeError:
         """Return the refusal of a line."""

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
+import shutil
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from cnc.convert.proof import (
     with_other_systems,
 )
 from cnc.convert.target import Target, without_comments
-from cnc.convert.writer import Notes, Writer, Written
+from cnc.convert.writer import Notes, Writer
 from cnc.gcode import dialects
 from cnc.gcode.core.line_trace import LineTrace
 from cnc.gcode.reader.parser import Syntax
@@ -45,6 +46,8 @@ _FLOW = re.compile(rb"#|\[|M *9[789]|G *6[567]|^[ \t]*o", re.IGNORECASE | re.MUL
 """Words of loops, branches, calls and parameters."""
 MOST_TRIALS = 40
 """Trials after which a program is refused."""
+READ_BYTES = 1 << 20
+"""Bytes that are read at once to count the lines of a result."""
 OPTIONS = RunOptions(tool_lengths="zero")
 
 
@@ -53,7 +56,7 @@ class Converted:
     """A program of another control.
 
     Attributes:
-        text: The program.
+        text: The program; empty if it was written into a file.
         source: Dialect of the program that was read.
         target: Dialect that it is written in.
         lines: Number of its lines.
@@ -106,8 +109,11 @@ def convert(
     *,
     tolerance: float = 0.01,
     curves: Curves = "lines",
+    into: IO[bytes] | None = None,
 ) -> Converted:
     """Return a program of another control, proved to move the machine alike.
+
+    With ``into`` the memory does not grow with a program whose short moves stay lines.
 
     Args:
         program: The file, ``-`` for standard input, or its text.
@@ -116,6 +122,7 @@ def convert(
         to: The control to write it for.
         tolerance: Largest distance of curves that are written anew, mm.
         curves: How short moves are written.
+        into: Receives the program; None for the text of the result.
 
     Raises:
         UsageError: The file cannot be read.
@@ -127,11 +134,18 @@ def convert(
         message = f"programs of lathes are not converted to {to}"
         raise UsageError(Diagnostic("convert-lathe", message, hint=hint))
     name = display_name(program)
-    with readable_file(program) as path:
+    with readable_file(program) as path, tempfile.NamedTemporaryFile(suffix=".nc") as file:
+        conversion = _Conversion(
+            name, path, machine, dialect, to, FitTo(tolerance, curves), Path(file.name)
+        )
         try:
-            return _Conversion(name, path, machine, dialect, to, FitTo(tolerance, curves)).run()
+            converted = conversion.run()
         except CncError as error:
             raise with_source_lines([error], {name: path})[0] from None
+        if into is None:
+            return replace(converted, text=Path(file.name).read_bytes())
+        shutil.copyfileobj(file, into)
+        return converted
 
 
 class _Conversion:
@@ -145,8 +159,10 @@ class _Conversion:
         dialect: DialectName | None,
         to: TargetName,
         fit: FitTo,
+        result: Path,
     ) -> None:
         self._name, self._path, self._machine, self._fit = name, path, machine, fit
+        self._result_path = result
         self._dialect: DialectName = dialect or machine.program.dialect
         self._known: ProgramReader | None = None
         self._known = self._reader(path, self._dialect, 0, {})
@@ -190,23 +206,29 @@ class _Conversion:
         if self._target.same_flow and (whole := self._as_it_stands()) is not None:
             return whole
         for _ in range(MOST_TRIALS):
-            reader = self._reader(self._path, self._dialect, 0, made_up_offsets(0))
-            writer = Writer(self._target, self._machine.axis_names, reader.start, self._fit)
-            writer.take(reader.traced_blocks(LineTrace(writer.bulk), self._take_warning))
-            text = writer.text()
+            writer = self._written()
             try:
-                kept, of_curves = self._proved(writer, text)
+                kept, of_curves = self._proved(writer)
             except Differs as difference:
-                self._take_back(writer, difference.line, difference.source, difference.what)
+                self._take_back(difference.line, difference.source, difference.what)
                 continue
             except GcodeError as error:
-                self._take_back(writer, error.diagnostic.line, 0, error.diagnostic.message)
+                self._take_back(error.diagnostic.line, 0, error.diagnostic.message)
                 continue
             if of_curves > self._fit.tolerance:
                 raise self._differs(0, f"curves are {of_curves:.4g} mm apart")
             self._note_others(writer)
-            return self._result(text, kept, of_curves, writer.notes)
+            return self._result(kept, of_curves, writer.notes)
         raise self._differs(0, "no text was found that moves the machine alike")
+
+    def _written(self, sought: int = 0) -> Writer:
+        """Write the result; return the writer, which has found a line of the result."""
+        reader = self._reader(self._path, self._dialect, 0, made_up_offsets(0))
+        names = self._machine.axis_names
+        with self._result_path.open("wb") as file:
+            writer = Writer(self._target, names, reader.start, self._fit, file, sought)
+            writer.take(reader.traced_blocks(LineTrace(writer.bulk), self._take_warning))
+        return writer
 
     def _as_it_stands(self) -> Converted | None:
         """Return a program with loops and calls line by line, if all lines mean the same.
@@ -219,30 +241,32 @@ class _Conversion:
         source, notes = self._target.source, Notes()
         syntax = Syntax(source.flavour, lenient=source.lenient, dialect=source.name)
         listing = LineIndex(text, syntax)
-        parts = []
         line = 1
-        while (window := listing.window(line)) is not None:
-            for index in range(window.count):
-                try:
-                    statement = listing.statement(window, index)
-                except CncError:
-                    return None
-                if statement is None or not self._target.can_keep_flow(statement):
-                    return None
-            parts.append(self._target.spelled(window.data))
-            line += window.count
-        notes.kept = line - 1
-        notes.add("kept", "loops, branches, calls and computed words as they stand", 1)
-        writer = Writer(self._target, self._machine.axis_names, np.zeros(0), self._fit)
+        with self._result_path.open("wb") as file:
+            while (window := listing.window(line)) is not None:
+                for index in range(window.count):
+                    try:
+                        statement = listing.statement(window, index)
+                    except CncError:
+                        return None
+                    if statement is None or not self._target.can_keep_flow(statement):
+                        return None
+                file.write(self._target.spelled(window.data))
+                line += window.count
+            notes.kept = line - 1
+            notes.add("kept", "loops, branches, calls and computed words as they stand", 1)
+            names = self._machine.axis_names
+            writer = Writer(self._target, names, np.zeros(0), self._fit, file)
         try:
-            apart, _ = self._proved(writer, b"".join(parts))
+            apart, _ = self._proved(writer)
         except (Differs, GcodeError):
             return None
-        return self._result(b"".join(parts), apart, 0.0, notes)
+        return self._result(apart, 0.0, notes)
 
-    def _result(self, text: bytes, apart: float, of_curves: float, notes: Notes) -> Converted:
-        lines = text.count(b"\n")
-        return Converted(text, self._target.source.name, self._to, lines, apart, of_curves, notes)
+    def _result(self, apart: float, of_curves: float, notes: Notes) -> Converted:
+        with self._result_path.open("rb") as file:
+            lines = sum(part.count(b"\n") for part in iter(lambda: file.read(READ_BYTES), b""))
+        return Converted(b"", self._target.source.name, self._to, lines, apart, of_curves, notes)
 
     def _note_others(self, writer: Writer) -> None:
         """Note the lines with code that were not executed, and so are left out."""
@@ -263,34 +287,32 @@ class _Conversion:
             if text.strip(" \t%\0\x1a"):
                 writer.notes.add("left out", "lines that are never executed", line)
 
-    def _proved(self, writer: Writer, text: bytes) -> tuple[float, float]:
+    def _proved(self, writer: Writer) -> tuple[float, float]:
         """Return the largest distances of moves and curves; raise if both programs differ."""
         offsets = made_up_offsets(1)
         others = with_other_systems(offsets, writer.systems, self._target.source.systems)
-        with tempfile.NamedTemporaryFile(suffix=".nc") as file:
-            file.write(text)
-            file.flush()
-            program = self._reader(self._path, self._dialect, 1, offsets)
-            result = self._reader(Path(file.name), self._to, 1, others)
-            return distance(
-                program.blocks(),
-                result.blocks(),
-                program.start,
-                self._machine.axis_names,
-                writer.regions,
-                self._target,
-            )
+        program = self._reader(self._path, self._dialect, 1, offsets)
+        result = self._reader(self._result_path, self._to, 1, others)
+        return distance(
+            program.blocks(),
+            result.blocks(),
+            program.start,
+            self._machine.axis_names,
+            writer.regions,
+            self._target,
+        )
 
-    def _take_back(self, writer: Writer, line: int, source: int, what: str) -> None:
+    def _take_back(self, line: int, source: int, what: str) -> None:
         """Let the lines around one of the result be written anew in the next trial.
 
         Raises:
             CncError: ``convert-differs`` if they were.
         """
-        written = _at(writer.written, line)
+        # The writer keeps no list of its lines: it writes them once more up to this one.
+        writer = self._written(line)
+        written, before = writer.at_sought, writer.kept_before
         target = self._target
         if written is None or written.form is None or line == 0:
-            before = _kept_before(writer.written, line)
             if before is not None and before.form and before.form not in target.refused and line:
                 target.refused.add(before.form)
                 return
@@ -313,24 +335,3 @@ class _Conversion:
         message = f"{shown_name(self._name)} is not written for {self._to}: {what}"
         hint = "give positions and levels from the work zero (G90) before this line"
         return CncError(Diagnostic("convert-differs", message, self._name, line, hint=hint))
-
-
-def _at(written: list[Written], line: int) -> Written | None:
-    """Return the entry of a line of the result."""
-    entry = None
-    for candidate in written:
-        if candidate.begin > line:
-            break
-        entry = candidate
-    return entry
-
-
-def _kept_before(written: list[Written], line: int) -> Written | None:
-    """Return the last entry before a line of the result that was kept."""
-    entry = None
-    for candidate in written:
-        if candidate.begin > line:
-            break
-        if candidate.form:
-            entry = candidate
-    return entry

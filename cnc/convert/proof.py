@@ -324,6 +324,7 @@ def _same_action(a: Block, b: Block, target: Target) -> bool:
                 a.state == b.state
                 and a.with_motion == b.with_motion
                 and math.isclose(a.surface_speed, b.surface_speed, rel_tol=SAME_SPEED)
+                and math.isclose(a.least_rpm, b.least_rpm, rel_tol=SAME_SPEED)
                 and (a.state == "off" or math.isclose(a.rpm, b.rpm, rel_tol=SAME_SPEED))
             )
         case Dwell(), Dwell():

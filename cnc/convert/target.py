@@ -47,6 +47,12 @@ _COMMENT = re.compile(r"\(((?:[^()]|\([^()]*\))*)\)?|;(.*)")
 """A comment, in which another one in brackets may stand."""
 _SEMICOLON = re.compile(r"(\([^)]*\)?)|;(.*)")
 _COMMAND = re.compile(r"[ \t]*(msg|debug|print|log|probe|py|abort)", re.IGNORECASE)
+_ISO_WORD = re.compile(
+    rb"(\([^)\r\n]*\)?|;[^\r\n]*)|[Rr][ \t]*([-+]?[0-9.]+)|[Gg][ \t]*0*2([01])(?![0-9.])"
+)
+"""A comment, or a word that SINUMERIK has in another form: the radius of an arc (R alone is a
+parameter), G20 and G21.
+"""
 _POINTLESS = re.compile(
     rb"(\([^)\r\n]*\)?|;[^\r\n]*)|([XYZABCUVWIJKR][+-]?[0-9]+)(?![0-9.])", re.IGNORECASE
 )
@@ -165,6 +171,17 @@ class Target:
         """The code of a B-spline; empty where the control has none."""
         return _SPLINES.get(self.rules.name, "")
 
+    def units(self, scale: float) -> str:
+        """Return the code of millimetres (a scale of 1) or inches, for distances and feeds.
+
+        It is empty where the control has none.
+        """
+        if (G.G21 if scale == 1.0 else G.G20) not in self.rules.g:
+            return ""
+        if self.rules.name == "siemens":
+            return "G710" if scale == 1.0 else "G700"
+        return "G21" if scale == 1.0 else "G20"
+
     def path_code(self, control: PathControl) -> str:
         """Return the code of a path mode; empty where the control has none."""
         has = self.rules.g
@@ -178,6 +195,8 @@ class Target:
         """Return lines of the program as this control reads them: comments, decimal points."""
         if self.rules.lines.decimal_points:
             text = _POINTLESS.sub(lambda at: at[1] or at[2] + b".", text)
+        if self.rules.name == "siemens" and self.source.flavour != "siemens":
+            text = _ISO_WORD.sub(_of_sinumerik, text)
         if self.rules.name == "grbl":
             text = text.translate(_NO_COMMANDS)
         if b";" in text and self.rules.name in ("fanuc", "haas", "mach3"):
@@ -223,6 +242,13 @@ class Target:
         if 30 not in self.rules.m:
             return ""
         return "M2" if self.rules.name == "linuxcnc" else "M30"
+
+
+def _of_sinumerik(at: re.Match[bytes]) -> bytes:
+    """Return a comment as it is, and a word in SINUMERIK's form."""
+    if at[1] is not None:
+        return at[1]
+    return b"CR=" + at[2] if at[2] is not None else b"G7" + at[3] + b"0"
 
 
 def comments(text: str) -> list[str]:

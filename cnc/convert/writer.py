@@ -12,7 +12,7 @@ import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import NamedTuple
+from typing import IO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -119,26 +119,37 @@ class Writer:
         axes: Letters of the machine's axes.
         start: Position before the program (axes,), mm.
         fit: How curves are written.
+        file: Receives the lines.
+        sought: A line of the result; 0 for none.
 
     Attributes:
         notes: Remarks.
         regions: Curves that were written within the tolerance.
-        written: The lines by the lines of the program.
+        at_sought: The lines with the sought one.
+        kept_before: The last line up to the sought one that was kept on its own.
         systems: Coordinate system of each system of the program, by index.
         executed: First and last line of lines of the program that were executed.
     """
 
     def __init__(
-        self, target: Target, axes: tuple[str, ...], start: NDArray[np.float64], fit: FitTo
+        self,
+        target: Target,
+        axes: tuple[str, ...],
+        start: NDArray[np.float64],
+        fit: FitTo,
+        file: IO[bytes],
+        sought: int = 0,
     ) -> None:
         self.target, self.axes, self.fit = target, axes, fit
         self.notes = Notes()
         self.regions: list[Region] = []
-        self.written: list[Written] = []
+        self.at_sought: Written | None = None
+        self.kept_before: Written | None = None
+        self._sought = sought
         self.systems: dict[int, int] = {}
         self.executed: list[tuple[int, int]] = []
         self._file = ""
-        self._out = Output(target, axes, start)
+        self._out = Output(target, axes, start, file)
         self._elements = Elements(start)
         self._curves = 0
         self._origins: dict[int, tuple[float, ...]] = {}
@@ -150,10 +161,6 @@ class Writer:
         self._run: list[Straights] = []
         self._run_mark: ExecutedLines | None = None
         self._masks: tuple[Window | None, NDArray[np.bool_]] = (None, np.empty(0, np.bool_))
-
-    def text(self) -> bytes:
-        """Return all lines."""
-        return b"".join(self._out.parts)
 
     # The stream of executed lines
 
@@ -188,7 +195,7 @@ class Writer:
             self._file = mark.file
             return
         if mark.file == self._file:
-            self.executed.append((mark.line, mark.last))
+            self._note_executed(mark.line, mark.last)
         count = mark.last - mark.line + 1
         is_run = count > 1
         if self.fit.curves != "lines":
@@ -207,12 +214,25 @@ class Writer:
             self._note_events(elements)
             self.notes.kept += count
             form = () if mark.statement is None else self.target.form(mark.statement)
-            self.written.append(
-                Written(first, mark.file, mark.line, form, before.is_open or mark.is_open)
-            )
+            is_open = before.is_open or mark.is_open
+            self._note_written(Written(first, mark.file, mark.line, form, is_open))
             return
-        self.written.append(Written(first, mark.file, mark.line, None, False))
+        self._note_written(Written(first, mark.file, mark.line, None, False))
         self._expand(before, mark, elements)
+
+    def _note_executed(self, first: int, last: int) -> None:
+        """Note lines that were executed, together with those that they follow."""
+        if self.executed and self.executed[-1][0] <= first <= self.executed[-1][1] + 1:
+            begin, end = self.executed.pop()
+            first, last = begin, max(end, last)
+        self.executed.append((first, last))
+
+    def _note_written(self, written: Written) -> None:
+        """Note lines of the result, if they are not behind the sought one."""
+        if written.begin <= self._sought:
+            self.at_sought = written
+            if written.form:
+                self.kept_before = written
 
     # Lines that are kept
 
@@ -251,17 +271,15 @@ class Writer:
             if only_moves
             else (self.target.bulk_g, self.target.bulk_m)
         )
-        letter = words.letter.astype(np.int64)
-        good = letters[letter]
-        tenths = np.round(words.number * 10.0)
+        good = letters[words.letter]
         for name, codes in (("G", g), ("M", frozenset(10 * code for code in m))):
-            own = letter == ord(name)
-            good[own] = np.isin(tenths[own], list(codes))
-        bad = np.concatenate(([0], np.cumsum(~good)))
-        first = lines.first
-        mask: NDArray[np.bool_] = (bad[first[1:]] == bad[first[:-1]])[: window.count]
+            own = np.flatnonzero(words.letter == ord(name))
+            good[own] = np.isin(np.round(words.number[own] * 10.0), list(codes))
+        mask = np.ones(window.count, np.bool_)
+        mask[np.searchsorted(lines.first, np.flatnonzero(~good), side="right") - 1] = False
         begins = window.places[0]
-        for pattern in (_DELETED, *((_REMARK,) if only_moves else ())):
+        patterns = [_DELETED] if b"/" in window.data else []
+        for pattern in (*patterns, _REMARK) if only_moves else patterns:
             for at in pattern.finditer(window.data):
                 mask[int(np.searchsorted(begins, at.start(), side="right")) - 1] = False
         self._masks = window, mask
@@ -276,9 +294,7 @@ class Writer:
             words.append(f"F{number(self._feed_number(modal), 6)}")
         if words:
             self._out.put(" ".join(words))
-        text = self.target.spelled(mark.text)
-        self._out.parts.append(text if text.endswith((b"\n", b"\r")) else text + b"\n")
-        self._out.line += mark.last - mark.line + 1
+        self._out.put_lines(self.target.spelled(mark.text), mark.last - mark.line + 1)
         self._adopt(mark)
 
     def _same_zero(self, offsets: Offsets) -> bool:
@@ -420,7 +436,7 @@ class Writer:
         state, codes = self._out.state, self.target.rules.g
         system = self._system(offsets.system)
         wanted: list[tuple[str, str, object, str]] = [
-            ("scale", "units", modal.scale, "G21" if modal.scale == 1.0 else "G20"),
+            ("scale", "units", modal.scale, self.target.units(modal.scale)),
             ("absolute", "distance", modal.absolute, "G90" if modal.absolute else "G91"),
             ("plane", "plane", modal.plane, f"G{PLANE_CODES[modal.plane].code:g}"),
             (
@@ -440,7 +456,7 @@ class Writer:
         for name, group, value, code in wanted:
             if value != getattr(state, name) and not self.target.in_group(words, group):
                 setattr(state, name, value)
-                if G(round(10 * float(code[1:]))) in codes:
+                if code and (name == "scale" or G(round(10 * float(code[1:]))) in codes):
                     missing.append(code)
         return missing
 
@@ -529,8 +545,8 @@ class Writer:
         scale = mark.modal.scale
         words = self._turning_words(mark) if self.target.is_lathe else []
         feed_mode = self._feed_mode(mark)
-        if state.scale != scale and (G.G21 if scale == 1.0 else G.G20) in has:
-            words.append("G21" if scale == 1.0 else "G20")
+        if state.scale != scale and (units := self.target.units(scale)):
+            words.append(units)
         if state.absolute is not True:
             words.append("G90")
         if state.feed_mode != feed_mode and G.G94 in has:
@@ -658,7 +674,7 @@ class Writer:
 
     def _gather(self, mark: ExecutedLines, elements: list[Block]) -> None:
         if not self._run:
-            self.written.append(Written(self._out.line, mark.file, mark.line, None, False))
+            self._note_written(Written(self._out.line, mark.file, mark.line, None, False))
         self._run += [element for element in elements if isinstance(element, Straights)]
         self._run_mark = mark
         self.notes.expanded += mark.last - mark.line + 1
@@ -823,8 +839,11 @@ class Writer:
     def _write_spindle(self, mark: ExecutedLines, block: Spindle) -> None:
         """Write the start of a lathe's spindle, a surface speed in m/min or feet/min."""
         scale = mark.modal.scale
+        if block.least_rpm:
+            hint = "remove G25 S, or write G97 in place of G96"
+            raise self._out.cannot(mark, "G96 has a lowest speed here", hint)
         if block.surface_speed and self._out.state.scale != scale:
-            self._out.put("G21" if scale == 1.0 else "G20")
+            self._out.put(self.target.units(scale))
             self._out.state.scale = scale
         self._out.put(spindle_words(block, scale))
         self._out.turning.spindle = block

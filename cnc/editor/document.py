@@ -6,9 +6,9 @@ import re
 from bisect import bisect_right
 from collections.abc import Iterable
 from functools import cached_property
+from io import StringIO
 from typing import NamedTuple
 
-_LINES = re.compile(r"[^\r\n]*(?:\r\n|\n|\r)|[^\r\n]+")
 _COMMENT = re.compile(r"\([^()]*\)?|;.*")
 
 
@@ -106,11 +106,8 @@ class Document:
 
 def _pieces(text: str) -> list[str]:
     """Return the lines of a text with their ends, and a last one without an end."""
-    if text.count("\r") == text.count("\r\n"):
-        *lines, last = text.split("\n")
-        return [*(line + "\n" for line in lines), last]
-    pieces = _LINES.findall(text)
-    return pieces if pieces[-1][-1] not in "\r\n" else [*pieces, ""]
+    pieces = StringIO(text, newline="").readlines()
+    return pieces if pieces and pieces[-1][-1] not in "\r\n" else [*pieces, ""]
 
 
 def without_comments(text: str) -> str:

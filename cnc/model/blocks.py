@@ -185,12 +185,14 @@ class Spindle(Block):
         rpm: Speed; under constant surface speed (G96) the highest speed, 0 for no limit.
         surface_speed: Constant surface speed, mm/s; 0 outside G96.
         with_motion: Whether the speed changes in motion: it is the power of a laser.
+        least_rpm: Lowest speed under constant surface speed, 0 for no limit.
     """
 
     state: Literal["cw", "ccw", "off"]
     rpm: float
     surface_speed: float = 0.0
     with_motion: bool = False
+    least_rpm: float = 0.0
 
 
 @canonical

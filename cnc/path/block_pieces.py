@@ -17,7 +17,7 @@ from cnc.model.blocks import PLANE_AXES, ArcFeed, Block, NurbsFeed, Polyline
 from cnc.model.diagnostics import Diagnostic, GcodeError
 from cnc.model.motion_commands import Commands, command_array, places_of
 from cnc.path.chunk import PathChunk
-from cnc.path.kernels.curve import METRIC, METRICS, SPAN_BODY, START, U0, U1
+from cnc.path.kernels.curve import LENGTH, METRIC, METRICS, SPAN_BODY, START, U0, U1
 from cnc.path.records import (
     Floats,
     Ints,
@@ -56,6 +56,17 @@ class Pieces:
     before: float = math.inf
 
 
+class _Single(NamedTuple):
+    """A piece with its entries, as in :class:`Pieces`, and whether motion rests behind it."""
+
+    kind: int
+    data: Floats
+    feed: float
+    line: int
+    tolerance: float
+    stop: bool
+
+
 # Records of a path, gathered into chunks.
 
 MOST_PIECES = 4096
@@ -76,6 +87,7 @@ class Gatherer:
 
     def clear(self) -> None:
         """Forget all pieces and commands but those that wait."""
+        self._singles: list[_Single] = []
         self.parts: list[Pieces] = []
         self.stops: list[NDArray[np.bool_]] = []
         self.pieces = 0
@@ -118,15 +130,59 @@ class Gatherer:
             stops,
         )
 
+    def add_single(
+        self, records: Records, feed: float, line: int, tolerance: float, *, stop: bool
+    ) -> None:
+        """Add one piece, as :meth:`add` does; many of them become arrays together."""
+        self._take_waiting()
+        self._singles.append(
+            _Single(records.kind, records.data, feed, line, 0.0 if stop else tolerance, stop)
+        )
+        self.pieces += 1
+        self.numbers += len(records.data)
+
     def put(self, pieces: Pieces, stops: NDArray[np.bool_]) -> None:
         """Add pieces; motion rests behind those with a stop (m,)."""
-        if self.waiting and len(pieces.at):
-            self.commands[self.pieces] = (*self.waiting, *self.commands.get(self.pieces, ()))
-            self.waiting.clear()
+        self._pack()
+        if len(pieces.at):
+            self._take_waiting()
         self.parts.append(pieces)
         self.stops.append(stops)
         self.pieces += len(pieces.at)
         self.numbers += len(pieces.data)
+
+    def limit_last_joint(self, most: float) -> None:
+        """Reduce the tolerance of the joint behind the last piece to ``most`` mm."""
+        self._pack()
+        last = self.parts[-1].tolerance
+        last[-1] = min(last[-1], most)
+
+    def _take_waiting(self) -> None:
+        """Put the commands that wait before the next piece."""
+        if self.waiting:
+            self.commands[self.pieces] = (*self.waiting, *self.commands.get(self.pieces, ()))
+            self.waiting.clear()
+
+    def _pack(self) -> None:
+        """Make arrays of the single pieces."""
+        if not self._singles:
+            return
+        kinds, data, feeds, lines, tolerances, stops = zip(*self._singles, strict=True)
+        self._singles = []
+        at = np.cumsum([0, *map(len, data[:-1])])
+        joined = np.concatenate(data)
+        self.parts.append(
+            Pieces(
+                np.array(kinds),
+                at,
+                joined,
+                joined[at + LENGTH],
+                np.array(feeds, np.float64),
+                np.array(lines, np.int32),
+                np.array(tolerances, np.float64),
+            )
+        )
+        self.stops.append(np.array(stops, np.bool_))
 
     def full(self) -> bool:
         """Return whether the chunk is to be closed."""
@@ -134,6 +190,7 @@ class Gatherer:
 
     def take(self) -> PathChunk:
         """Return everything gathered as one chunk, and empty the gatherer."""
+        self._pack()
         parts = self.parts
         offsets = np.cumsum([0] + [len(part.data) for part in parts[:-1]])
         chunk = PathChunk(
@@ -381,18 +438,7 @@ def pieces_of(
             here[:] = moves[-1]
         return
     if isinstance(block, ArcFeed):
-        check_finite(
-            block,
-            block.end,
-            np.array([*block.center, block.radius, block.turns]),
-            np.array(block.feed),
-        )
-        first_axis, second_axis = PLANE_AXES[block.plane]
-        plane = axes.index(first_axis), axes.index(second_axis)
-        end = np.array(block.end, np.float64)
-        runs = arc_records(
-            position.copy(), end, plane, block.center, block.turns, classes, accuracy
-        )
+        runs = records_of_arc(block, position.copy(), frame)
     else:
         check_finite(block, block.knots, block.control_points, block.weights, np.array(block.feed))
         points = joined(block, position)
@@ -409,6 +455,23 @@ def pieces_of(
     if last is not None:
         position[:] = _end_of(last[0], len(axes))
         yield *_spread(block, *last, stop=exact_stop), None
+
+
+def records_of_arc(block: ArcFeed, position: Floats, frame: Frame) -> Iterator[Records]:
+    """Return the records of an arc from a position (n,), one for each turn.
+
+    Raises:
+        GcodeError: ``not-finite``.
+    """
+    axes = frame.axes
+    numbers = (*block.end.tolist(), *block.center, block.radius, block.turns, block.feed)
+    if not all(map(math.isfinite, numbers)):
+        raise _not_finite(block, block.line)
+    first_axis, second_axis = PLANE_AXES[block.plane]
+    plane = axes.index(first_axis), axes.index(second_axis)
+    return arc_records(
+        position, block.end, plane, block.center, block.turns, frame.classes, frame.accuracy
+    )
 
 
 def moves_of(

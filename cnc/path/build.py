@@ -38,7 +38,7 @@ from cnc.model.blocks import (
     TipControl,
 )
 from cnc.model.motion_commands import apart, goes_with_motion, rests
-from cnc.path.block_pieces import Frame, Gatherer, moves_of, pieces_of
+from cnc.path.block_pieces import Frame, Gatherer, moves_of, pieces_of, records_of_arc
 from cnc.path.chunk import PathChunk
 from cnc.path.fit import LEAST_TOLERANCE, Alternatives, Fitted, Fitter
 from cnc.path.fit_curves import arc_of, nurbs_chords
@@ -332,12 +332,28 @@ class _Builder:
         self, block: Polyline | ArcFeed | NurbsFeed, exact_stop: bool, allowed: float
     ) -> Iterator[PathChunk | Block]:
         """Gather the pieces of a block that is not fitted."""
+        if isinstance(block, ArcFeed):
+            yield from self._gather_arc(block, exact_stop, allowed)
+            return
         for records, feeds, lines, stops, commands in pieces_of(
             block, self._position, self._frame, exact_stop=exact_stop
         ):
             self._gatherer.add(records, feeds, lines, stops, allowed, commands)
             if self._gatherer.full():
                 yield from self._hold()
+
+    def _gather_arc(
+        self, arc: ArcFeed, exact_stop: bool, allowed: float
+    ) -> Iterator[PathChunk | Block]:
+        """Gather the turns of an arc."""
+        turns = list(records_of_arc(arc, self._position, self._frame))
+        for number, records in enumerate(turns, 1):
+            stop = exact_stop and number == len(turns)
+            self._gatherer.add_single(records, arc.feed, arc.line, allowed, stop=stop)
+            if self._gatherer.full():
+                yield from self._hold()
+        if turns:
+            self._position[:] = arc.end
 
     def _gather(self, fitted: Iterable[Fitted]) -> Iterator[PathChunk | Block]:
         """Gather fitted pieces."""
@@ -377,12 +393,10 @@ class _Builder:
     def _limit_last_joint(self, most: float) -> None:
         """Reduce the tolerance of the joint behind the last piece to ``most`` mm."""
         if self._gatherer.pieces:
-            last = self._gatherer.parts[-1].tolerance
+            self._gatherer.limit_last_joint(most)
         elif self._held and isinstance(self._held[0], PathChunk):
             last = self._held[0].tolerance
-        else:
-            return
-        last[-1] = min(last[-1], most)
+            last[-1] = min(last[-1], most)
 
 
 def _probing(probe: Probe) -> Polyline:

@@ -141,9 +141,11 @@ def arc_records(
         classes: (n,): class of each axis.
         accuracy: largest error of the inverse arc length, mm.
     """
+    # Numbers of Python: an array for a few numbers takes ten times as long.
     i, j = plane
-    x0, y0 = float(start[i]) - center[0], float(start[j]) - center[1]
-    x1, y1 = float(end[i]) - center[0], float(end[j]) - center[1]
+    here, last_end = start.tolist(), end.tolist()
+    x0, y0 = here[i] - center[0], here[j] - center[1]
+    x1, y1 = last_end[i] - center[0], last_end[j] - center[1]
     r0, r1 = math.hypot(x0, y0), math.hypot(x1, y1)
     if max(r0, r1) <= NEGLIGIBLE or abs(TURN * turns) <= 1e-15:
         if moving(start, end[None])[0]:
@@ -155,22 +157,22 @@ def arc_records(
     if abs(grown) <= 4e-15 * (r0 + abs(center[0]) + abs(center[1])):
         grown = 0.0
     whole = max(1, math.ceil(abs(turns) - 1e-9))
-    moved = end - start
+    begin, moved = here, [b - a for a, b in zip(here, last_end, strict=True)]
     moved[i] = moved[j] = 0.0
     others = math.hypot(
-        *(float(distance) for distance, k in zip(moved, classes, strict=True) if k == 0)
+        *(distance for distance, k in zip(moved, classes.tolist(), strict=True) if k == 0)
     )
     extent = math.hypot(sweep * 0.5 * (r0 + r1), others) / whole
-    metrics = _metric_columns(classes.tobytes())[0]
-    n, here = len(start), start
+    metrics = _metric_columns(classes.tobytes())[0].tolist()
+    n = len(here)
     for piece in range(whole):
         last = piece == whole - 1
         part = (piece + 1) / whole
         radius, growth = r0 + grown * piece / whole, grown / whole
         if last:
-            there = end
+            there = last_end
         else:
-            there = start + part * moved
+            there = [a + part * b for a, b in zip(begin, moved, strict=True)]
             c, s = math.cos(part * sweep), math.sin(part * sweep)
             there[i] = center[0] + (r0 + part * grown) * (ex * c - ey * s)
             there[j] = center[1] + (r0 + part * grown) * (ex * s + ey * c)
@@ -182,26 +184,14 @@ def arc_records(
         half = math.sin(0.5 * swept)
         along = growth - (radius + growth) * 2.0 * half * half
         across = (radius + growth) * 2.0 * half * math.cos(0.5 * swept)
-        open_x = float(there[i] - here[i]) - (along * px - across * py)
-        open_y = float(there[j] - here[j]) - (along * py + across * px)
-        size = curve.START + 2 * n + curve.ARC_BODY
-        data = np.zeros(size + (3 + curve.ROW * (MAX_ROWS + 1) if grown else 0))
-        data[: curve.START] = (n, piece * extent, (piece + 1) * extent, extent, *metrics, 0.0)
-        data[curve.START : curve.START + n] = here
-        data[curve.START + n : curve.START + 2 * n] = there
-        data[size - curve.ARC_BODY : size] = (
-            i,
-            j,
-            radius,
-            growth,
-            swept,
-            theta + turned,
-            px,
-            py,
-            open_x,
-            open_y,
-        )
+        open_x = there[i] - here[i] - (along * px - across * py)
+        open_y = there[j] - here[j] - (along * py + across * px)
+        head = (n, piece * extent, (piece + 1) * extent, extent, *metrics, 0.0)
+        body = i, j, radius, growth, swept, theta + turned, px, py, open_x, open_y
+        data = np.array((*head, *here, *there, *body), np.float64)
         if grown:
+            size = len(data)
+            data = np.concatenate((data, np.zeros(3 + curve.ROW * (MAX_ROWS + 1))))
             size = measure(curve.ARC, data, 0, size, accuracy, np.empty((4, n)))
             data = data[:size].copy()
         yield Records(

@@ -96,8 +96,9 @@ def _nurbs(block: canon.NurbsFeed, axes: Sequence[str]) -> dict[str, Any]:
 
 def _spindle(block: canon.Spindle, _: Sequence[str]) -> dict[str, Any]:
     constant = {"surface_speed": per_minute(block.surface_speed)} if block.surface_speed else {}
+    least = {"least_rpm": block.least_rpm} if block.least_rpm else {}
     in_motion = {"with_motion": True} if block.with_motion else {}
-    return {"state": block.state, "rpm": block.rpm, **constant, **in_motion}
+    return {"state": block.state, "rpm": block.rpm, **constant, **least, **in_motion}
 
 
 def _overrides(block: canon.Overrides, _: Sequence[str]) -> dict[str, Any]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import random
 import re
+import tempfile
+import tracemalloc
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
@@ -16,6 +18,7 @@ from cnc import parse
 from cnc.cli import exit_code
 from cnc.convert import programs, writer
 from cnc.convert.programs import Converted, convert
+from cnc.gcode.reader import source_text
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
 from cnc.model.blocks import ArcFeed, Dwell, NurbsFeed, Polyline, Stop
@@ -106,6 +109,23 @@ def test_the_spelling_is_that_of_the_control(
     assert wanted in lines(
         converted("G21 G90\nG1 X10 Y-2.5 F100 ;x\nX9\nG1 X10 Y-2.5 ;x\nM2\n", "linuxcnc", to)
     )
+
+
+def test_the_radius_of_an_arc_is_no_parameter_of_sinumerik(converted: Convert) -> None:
+    text = "G21 G90 G17\nG0 X0. Y0.\nG1 X1. F100.\nG2 X5. R3. (R2)\nG3 X9. Y0. R-2.5 F90.\nM30\n"
+    found = lines(converted(text, "fanuc", "siemens"))
+    assert found[0] == "G710 G90 G17"
+    assert found[-3:-1] == ["G2 X5. CR=3. ; R2", "G3 X9. Y0. CR=-2.5 F90."]
+
+
+def test_inches_of_sinumerik_are_those_of_feeds_too(converted: Convert) -> None:
+    text = (
+        "(G20)\nG90 G020 G17\nG0 X0. Y0. Z1.\nG1 X1. F10.\nG21\nG81 X9. Y0. Z-1. R0.5 F90.\nM30\n"
+    )
+    found = lines(converted(text, "fanuc", "siemens"))
+    assert found[:2] == ["; G20", "G90 G700 G17"]
+    assert "G710" in found
+    assert not any(re.match("[^;]*G2[01]", line) for line in found)
 
 
 def test_a_comment_for_grbl_has_no_real_time_command(converted: Convert) -> None:
@@ -322,10 +342,46 @@ def test_each_difference_stops_the_conversion(
     )
     good = converted(text, "fanuc", "grbl").text
     assert spoil(good) != good
-    monkeypatch.setattr(writer.Writer, "text", lambda _: spoil(good))
+    proved = programs._Conversion._proved
+
+    def spoiled(self: programs._Conversion, written: writer.Writer) -> tuple[float, float]:
+        self._result_path.write_bytes(spoil(good))
+        return proved(self, written)
+
+    monkeypatch.setattr(programs._Conversion, "_proved", spoiled)
     with pytest.raises(CncError) as refused:
         converted(text, "fanuc", "grbl")
     assert refused.value.diagnostic.code == "convert-differs"
+
+
+@pytest.mark.parametrize(
+    ("to", "line", "count", "allowed"),
+    [("linuxcnc", "X{} Y1.5", 20_000, 10), ("siemens", "G81 X{} Y1.5 Z-1. R2.", 3000, 60)],
+    ids=["lines that are kept", "lines that are written anew"],
+)
+def test_the_memory_does_not_grow_with_the_program(
+    to: TargetName,
+    line: str,
+    count: int,
+    allowed: int,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The text has 9 bytes a line; an entry of a list for each line takes over 100."""
+    monkeypatch.setattr(source_text, "WINDOW_BYTES", 1 << 13)
+    peaks = []
+    for lines_ in (count, count, 3 * count):
+        file = tmp_path / "long.nc"
+        moves = "\n".join(line.format(number % 500 / 10) for number in range(lines_))
+        file.write_text(f"G21 G90 G17\nG0 X60. Y1.5 Z1.\nG1 X50. F900.\n{moves}\nM30\n")
+        del moves
+        tracemalloc.start()
+        with tempfile.TemporaryFile() as into:
+            result = convert(str(file), MACHINE, "fanuc", to, into=into)
+            assert result.lines >= lines_
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[2] < peaks[1] + allowed * 2 * count, peaks
 
 
 def test_dwells_and_stops_are_in_their_units(converted: Convert, tmp_path: Path) -> None:

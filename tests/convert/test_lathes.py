@@ -92,6 +92,7 @@ REFUSED = [
     ("fanuc", f"{THREAD}G32 Z-20. F1.5 Q180000\nM30\n", "index of the spindle"),
     ("fanuc", f"{THREAD}G34 Z-20. F1.5 K0.1\nM30\n", "several moves"),
     ("fanuc", f"{THREAD}G76 P011060 Q100 R0.1\nG76 X28. Z-20. P974 Q300 F1.5\nM30\n", "several"),
+    ("siemens", "G25 S200\nG26 S3000\nG97 S600 M3\nG96 S100\nG0 X30 Z5\nM30\n", "lowest speed"),
     ("haas", f"{THREAD}P500 M133\nM30\n", "driven tool"),
 ]
 

@@ -103,6 +103,14 @@ def points(source: str) -> list[tuple[float, ...]]:
         ("TRANS X10 Y5\nG0 X1 Y1\nTRANS\nG0 X1 Y1", [(11, 6, 0), (1, 1, 0)]),
         ("TRANS X10\nROT Z90\nG0 X1 Y0", [(0, 1, 0)]),
         ("TRANS X10\nAROT RPL=90\nATRANS X1\nG0 X1 Y0", [(10, 2, 0)]),
+        (  # the example of the manual, "Axial work offset (G58, G59)"
+            "G0 X0 Y0 Z0\nTRANS X10 Y10 Z10\nATRANS X5 Y5\nX0 Y0 Z0\nN70 G58 X20\nX0 Y0 Z0\n"
+            "G59 X10 Y10\nX0 Y0 Z0",
+            [(0, 0, 0), (15, 15, 10), (25, 15, 10), (30, 20, 10)],
+        ),
+        ("R1=3\nG59 X=R1*2\nG58 X=R1 Y1\nG0 X1 Y1\nTRANS\nX1 Y1", [(10, 2, 0), (1, 1, 0)]),
+        ("G700\nG59 X1\nROT RPL=90\nG58 Y1\nG0 X1 Y0", [(0, 50.8, 0)]),
+        ("TRANS X10\nAROT RPL=90\nATRANS X1\nG59 X2\nG0 X1 Y0", [(12, 2, 0)]),
         ("SCALE X2 Y2\nG0 X1 Y1 Z1\nMIRROR X0\nG0 X1 Y1", [(2, 2, 1), (-1, 1, 1)]),
         ("R1=30\nROT RPL=R1*3\nG0 X1 Y0", [(0, 1, 0)]),
         ("G700\nTRANS X1\nG0 X1", [(50.8, 0, 0)]),
@@ -140,6 +148,12 @@ def test_a_program_moves_to(source: str, ends: list[tuple[float, ...]]) -> None:
         ("LOOP\nR1=1\nENDLOOP", "loop-endless", "LOOP"),
         ("ROT X30", "code-not-supported", "ROT about X or Y"),
         ("TRANS RPL=3", "code-not-supported", "RPL with TRANS"),
+        ("G58", "code-not-supported", "G58 with X, Y or Z"),
+        ("G59 X1 G0", "code-not-supported", "G59 with X, Y or Z in a line of its own"),
+        ("G59 X1\nTRANS Y1", "code-not-supported", "G58 in place of TRANS"),
+        ("G26 X100", "code-not-supported", "G26"),
+        ("G26 S1000 M3", "code-not-supported", "G26"),
+        ("G25 S-5", "value-out-of-range", "from 0 on"),
         ("SCALE X2 Y1\nAROT Z10", "code-not-supported", "different factors"),
         ("SCALE X0", "scaling-factor", "must not be 0"),
         ("POCKET3(1,2)", "code-not-supported", "rectangular pocket"),
@@ -194,7 +208,7 @@ def test_frames_are_products_of_matrices(
             frame = frame.scaled((a, a * b, 1.0))
         whole = whole @ part
     expected: NDArray[np.float64] = whole @ (x, y, 1.0)
-    reached = frame.moved((x, y, 0.0)).shift
+    reached = frame.moved((x, y, 0.0)).origin
     size = 1.0 + float(np.abs(whole).max()) * 100.0
     assert reached[:2] == pytest.approx(expected[:2], abs=1e-12 * size)
 

@@ -7,7 +7,7 @@ import pytest
 from cnc.gcode import dialects
 from cnc.gcode.core.modal_groups import ReadingPolicy
 from cnc.gcode.core.tool_table import ToolEntry, ToolTable
-from cnc.model.blocks import Spindle
+from cnc.model.blocks import Polyline, Spindle
 from cnc.model.diagnostics import Diagnostic, GcodeError
 from tests.support.gcode.gcode_cases import block_summaries, run
 from tests.support.paths import ROOT
@@ -46,6 +46,36 @@ def test_lims_limits_the_speed_and_stays() -> None:
 def test_lims_is_no_limit_without_a_value_above_0() -> None:
     with pytest.raises(GcodeError, match="LIMS-5"):
         spindles("G96 S120 LIMS=-5 M3")
+
+
+def test_g25_and_g26_limit_the_speed_in_every_mode_and_keep_s() -> None:
+    source = (
+        "N10 G25 S400\nG26 S2000\nG97 S300 M3\nS2500\nG26 S=1000*2+500\nG26 S1500\nS0\n"
+        "G96 S120 LIMS=3000\nLIMS=1000\nG97 S1200"
+    )
+    assert spindles(source) == [
+        (400, 0), (2000, 0), (2500, 0), (1500, 0), (0, 0), (1500, 2000), (1000, 2000), (1000, 0)
+    ]  # fmt: skip
+
+
+def test_the_lowest_speed_of_g96_gives_the_feed_per_revolution() -> None:
+    source = "G25 S400\nG26 S1000\nG96 S60 M3 G95\nG0 X100 Z0\nG1 Z-1 F0.5\nG0 X10\nG1 Z-2\nM30"
+    blocks = run(source, **LATHE)
+    turning = next(block for block in blocks if isinstance(block, Spindle))
+    assert (turning.rpm, turning.surface_speed, turning.least_rpm) == (1000, 1000, 400)
+    feeds = [60.0 * feed for block in blocks if isinstance(block, Polyline) for feed in block.feeds]
+    # 60 m/min at 100 mm are 191 rpm, at 10 mm 1910 rpm.
+    assert [feed for feed in feeds if feed == feed] == pytest.approx([200.0, 500.0])
+
+
+@pytest.mark.parametrize("limit", ["LIMS=800", "G26 S800"])
+def test_a_limit_holds_in_a_run_of_plain_lines(limit: str) -> None:
+    lines = "\n".join(f"G1 X{number}.5 F100 S{500 + 100 * number}" for number in range(8))
+    mill = {"dialect": dialects.load("siemens")}
+    found = block_summaries(f"{limit}\nS300 M3\n{lines}\nM30", **mill)
+    assert [text for text in found if "cw" in text] == [
+        f"spindle cw {speed}" for speed in (300, 500, 600, 700, 800)
+    ]
 
 
 THREADS = {

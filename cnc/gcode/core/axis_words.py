@@ -675,7 +675,7 @@ class MoveFeeds(AxisWords):
         radius = max(self._radius(self.position), self._radius(end))
         if radius > 0.0:
             self._surface_radius = radius
-        elif self._surface_radius and not state.most_rpm:
+        elif self._surface_radius and not state.surface_limit:
             radius = self._surface_radius
             rpm = surface_rpm(speed, 0.0, radius)
             message = (
@@ -684,7 +684,7 @@ class MoveFeeds(AxisWords):
             )
             hint = "limit the speed, such as G50 S2000"
             self._here.report_warning("spindle-speed-assumed", message, at, hint)
-        rpm = surface_rpm(speed, state.most_rpm, radius)
+        rpm = max(surface_rpm(speed, state.surface_limit, radius), state.rpm_range[0])
         if math.isinf(rpm):
             raise fault(
                 "spindle-speed-unlimited",

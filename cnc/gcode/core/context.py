@@ -82,7 +82,7 @@ class Context:
         if state.spindle == "off" or not state.speed:
             message = f"{name} {use} the spindle, which does not turn"
             raise fault("spindle-stopped", message, at, f"give {start} before")
-        return state.speed
+        return state.speed if state.constant_surface else state.rpm
 
 
 class Executor:

@@ -682,16 +682,26 @@ class ProgramFrame:
     """A frame, in mm along X, Y and Z.
 
     Attributes:
-        shift: Shift of the origin.
+        shift: Shift of the origin by TRANS and G58.
+        added: Further shift by ATRANS and G59.
         factors: Factor of each axis.
         plane: Axes that the rotation turns, by number, from the first to the second.
         angle: Angle of the rotation, degrees.
+        is_axial: Whether G59 has set a part of it.
     """
 
     shift: Triple = (0.0, 0.0, 0.0)
+    added: Triple = (0.0, 0.0, 0.0)
     factors: Triple = (1.0, 1.0, 1.0)
     plane: tuple[int, int] = (0, 1)
     angle: float = 0.0
+    is_axial: bool = False
+
+    @property
+    def origin(self) -> Triple:
+        """Place of the origin."""
+        x, y, z = (a + b for a, b in zip(self.shift, self.added, strict=True))
+        return x, y, z
 
     def moved(self, delta: Triple) -> ProgramFrame:
         """Return the frame with an additional shift."""
@@ -700,8 +710,8 @@ class ProgramFrame:
         cosine, sine = cosine_sine(self.angle)
         x, y = part[first], part[second]
         part[first], part[second] = cosine * x - sine * y, sine * x + cosine * y
-        x, y, z = (a + b for a, b in zip(self.shift, part, strict=True))
-        return replace(self, shift=(x, y, z))
+        x, y, z = (a + b for a, b in zip(self.added, part, strict=True))
+        return replace(self, added=(x, y, z))
 
     def turned(self, plane: tuple[int, int], angle: float) -> ProgramFrame | None:
         """Return the frame with an additional rotation.

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -234,7 +234,7 @@ class CycleRunner(MotionCodes):
     def start_spindle(self) -> None:
         """Start the spindle as the modal state says."""
         state = self._state
-        self._out.add(Spindle(self._here.file, self._here.line, state.spindle, state.speed or 0.0))
+        self._out.add(Spindle(self._here.file, self._here.line, state.spindle, state.rpm))
 
     def perform(self, steps: Iterable[Step], plane: CyclePlane) -> None:
         """Execute steps in order. The position is the end of the last one."""
@@ -270,12 +270,11 @@ class CycleRunner(MotionCodes):
     def _spindle(self, turn: TurnSpindle) -> Spindle:
         """The block of a step of the spindle. The modal state of the spindle stays."""
         state, file, line = self._state, self._here.file, self._here.line
-        speed = state.speed or 0.0
         if turn.state == "off":
             return Spindle(file, line, "off", 0.0)
         if state.constant_surface:
-            return Spindle(file, line, turn.state, state.most_rpm, speed)
-        return Spindle(file, line, turn.state, speed * turn.times)
+            return replace(state.surface_speed(file, line), state=turn.state)
+        return Spindle(file, line, turn.state, state.within_range(state.rpm * turn.times))
 
 
 # Places of the holes of one line: repeats of a step, or steps around a pole.

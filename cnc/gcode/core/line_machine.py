@@ -253,7 +253,9 @@ class LineMachine:
         setup["limit"], setup["reach"] = arc.limit, arc.reach
         setup["arc_absolute"] = modal.arc_absolute
         setup["timed"] = modal.feed_mode == "inverse-time"
-        setup["surface_speed"] = modal.constant_surface
+        # Compiled code has no limits of the speed: it leaves S to the interpreter under them, too.
+        limited = modal.most_rpm > 0.0 or modal.rpm_range != (0.0, math.inf)
+        setup["surface_speed"] = modal.constant_surface or limited
         setup["notes"] = interpreter.unused_words.enabled
         setup["restored"] = motion.assumed.restored
         setup["blends"] = modal.path == "blend"
@@ -292,7 +294,9 @@ class LineMachine:
         modal, words = interpreter.modal, interpreter.unused_words.words
         feed, speed = words.get("F"), words.get("S")
         lines = (feed.line if feed else 0, speed.line if speed else 0)
-        turning, rpm, surface = interpreter.out.in_effect.get(("spindle", 0), ("", 0.0, 0.0))
+        turning, rpm, surface, _ = interpreter.out.in_effect.get(
+            ("spindle", 0), ("", 0.0, 0.0, 0.0)
+        )
         resting = interpreter.motion.assumed.resting
         misting, flooding = interpreter.out.in_effect.get(("coolant", 0), (-1, -1))
         self._state[0] = (
@@ -345,7 +349,7 @@ class LineMachine:
         modal.mist, modal.flood = bool(mist), bool(flood)
         in_effect = self._interpreter.out.in_effect
         if turning >= 0:
-            in_effect["spindle", 0] = SPINDLE_STATES[turning], rpm, 0.0
+            in_effect["spindle", 0] = SPINDLE_STATES[turning], rpm, 0.0, 0.0
         if misting >= 0:
             in_effect["coolant", 0] = bool(misting), bool(flooding)
         self._store_series(*series)

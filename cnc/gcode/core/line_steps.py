@@ -8,6 +8,8 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 
+import numpy as np
+
 from cnc.gcode import dialects
 from cnc.gcode.core import block_matching, control_flow, subprograms
 from cnc.gcode.core.builder_codes import file_of
@@ -142,10 +144,10 @@ SHORTEST = 6
 ROWS_OF_LINE = 5
 """Rows for which there is space for each line of a run: a hole has as many."""
 
-WITHOUT_POINT = re.compile(rb"[XYZABCUVWIJKR][+-]?0*[1-9][0-9]*(?![0-9.])", re.IGNORECASE)
-"""A distance that is not 0, without a decimal point. A comment may match too, which does no
-harm.
-"""
+_IS_DISTANCE = np.zeros(256, np.bool_)
+_IS_DISTANCE[list(b"XYZABCUVWIJKR")] = True
+"""Letters whose numbers are distances, or may be."""
+_POINT = ord(".")
 
 
 class PlainLines:
@@ -212,9 +214,28 @@ class PlainLines:
         """
         where, lines, missing = self._searched
         if where is not window or index not in lines or end > lines.stop or missing < index:
-            missing = window.find(WITHOUT_POINT, index, end)
+            missing = _first_without_point(window, index, end)
             self._searched = window, range(index, end), missing
         return min(missing, end)
+
+
+def _first_without_point(window: Window, index: int, end: int) -> int:
+    """Return the first line from ``index`` to before ``end`` with such a distance, or ``end``."""
+    lines, words, *_ = window.sorted
+    begins, ends = window.places
+    some = slice(lines.first[index], lines.first[end])
+    numbers = words.number[some]
+    # A number that is not whole has a decimal point.
+    whole = (numbers == np.trunc(numbers)) & (numbers != 0.0) & _IS_DISTANCE[words.letter[some]]
+    if not whole.any():
+        return end
+    places = np.flatnonzero(whole) + some.start
+    of_line = np.searchsorted(lines.first, places, side="right") - 1
+    text = np.frombuffer(window.data, np.uint8)[begins[index] : ends[end - 1]]
+    points = np.cumsum(text == _POINT, dtype=np.int32)
+    first = begins[of_line] - begins[index] + words.column[places] - 1
+    missing = points[first] == points[first + words.length[places] - 1]
+    return int(of_line[np.argmax(missing)]) if missing.any() else end
 
 
 # Builder's M-codes that execute a file: ``M31 = { file = "m31.ngc" }`` in the machine file.
@@ -439,6 +460,11 @@ class StepMaker:
 
             if cycle := profile_cycle(line, statement, self._dialect):
                 return cycle
+        if self._dialect.flavour == "siemens":
+            from cnc.gcode.sinumerik.flow import step_of_code
+
+            if step := step_of_code(self._flow, line, statement):
+                return step
         if self._builder_codes and (step := file_call(line, statement, self._builder_codes)):
             return step
         if statement.words or statement.assignments or statement.remarks or statement.board:

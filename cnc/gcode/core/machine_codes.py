@@ -5,7 +5,6 @@ Source: LinuxCNC, "M-codes" and "Other codes"; G4, G64, G96 and G97 in "G-codes"
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import Any
 
@@ -122,6 +121,14 @@ class MachineCodes(Executor):
         if state.constant_surface and state.spindle != "off" and "spindle" not in codes:
             self._spindle()
 
+    def limit_range(self, code: str, rpm: float) -> None:
+        """Execute SINUMERIK's G25 or G26 with S: the lowest or the highest speed in every mode."""
+        state = self._state
+        lowest, highest = state.rpm_range
+        state.rpm_range = (rpm, highest) if code == "G25" else (lowest, rpm)
+        if state.spindle != "off":
+            self._spindle()
+
     def tool_change(self, words: LineWords, codes: Codes) -> None:
         """Execute M6 or M61."""
         code = codes.get("tool-change")
@@ -217,10 +224,10 @@ class MachineCodes(Executor):
         turning = SPINDLE_STATES.index(state.spindle)
         if self._dialect.flavour == "siemens" and state.most_rpm and not state.constant_surface:
             state.speed = min(state.speed or 0.0, state.most_rpm)
-        speed = _rpm_of(turning, math.nan if state.speed is None else state.speed)
         if state.constant_surface and turning:
-            self._out.add(Spindle(here.file, here.line, state.spindle, state.most_rpm, speed))
+            self._out.add(state.surface_speed(here.file, here.line))
         else:
+            speed = _rpm_of(turning, state.rpm)
             self._out.add(
                 Spindle(here.file, here.line, state.spindle, speed, with_motion=with_motion)
             )
@@ -344,7 +351,7 @@ class MachineCodes(Executor):
             scaled=before.scaled,
         )
         reports: tuple[tuple[tuple[str, ...], Any], ...] = (
-            (("spindle", "speed", "constant_surface", "most_rpm"), self._spindle),
+            (("spindle", "speed", "constant_surface", "most_rpm", "rpm_range"), self._spindle),
             (("mist", "flood"), self._coolant),
             (
                 ("feed_override", "speed_override", "adaptive_feed", "feed_stop"),
@@ -585,4 +592,4 @@ class Dwells(Executor):
         if state.spindle == "off" or not state.speed or state.constant_surface:
             message = f"{word.written} counts turns of the spindle, which has no known speed"
             raise fault("spindle-stopped", message, word, "give S and M3, or seconds with F")
-        return not_negative(word, "the turns") * 60.0 / state.speed
+        return not_negative(word, "the turns") * 60.0 / state.rpm

@@ -6,6 +6,7 @@ RS274/NGC interpreter version 3 (NISTIR 6556), tables 3 and 4.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -236,6 +237,7 @@ class ModalState:
         radius_increments: X words are radii under G91 all the same (DIAM90).
         speed: rpm, or mm/s under G96.
         most_rpm: Limit of the spindle speed under G96; 0 for none.
+        rpm_range: Lowest and highest speed of a spindle that turns (SINUMERIK's G25 and G26).
         tool: Number of the last T word.
         loaded: Number of the tool in the spindle; 0 for none.
         initial_level: Canned cycles end at the level before the first one, not at R (G98). It is
@@ -257,6 +259,7 @@ class ModalState:
     constant_surface: bool = False
     speed: float | None = None
     most_rpm: float = 0.0
+    rpm_range: tuple[float, float] = (0.0, math.inf)
     spindle: Literal["cw", "ccw", "off"] = "off"
     mist: bool = False
     flood: bool = False
@@ -276,6 +279,27 @@ class ModalState:
     def turning(self) -> Turning:
         """Direction of the spindle; that of M3 if it is off."""
         return "ccw" if self.spindle == "ccw" else "cw"
+
+    @property
+    def rpm(self) -> float:
+        """Speed of the spindle outside G96 while it turns; 0 without a speed."""
+        return self.within_range(self.speed) if self.speed else 0.0
+
+    def within_range(self, rpm: float) -> float:
+        """Return a speed within its range."""
+        lowest, highest = self.rpm_range
+        return min(max(rpm, lowest), highest)
+
+    @property
+    def surface_limit(self) -> float:
+        """Highest speed under G96, rpm; 0 for none."""
+        highest = min(self.most_rpm or math.inf, self.rpm_range[1])
+        return 0.0 if math.isinf(highest) else highest
+
+    def surface_speed(self, file: str, line: int) -> Spindle:
+        """Return the block of the spindle that turns under G96."""
+        most, least = self.surface_limit, self.rpm_range[0]
+        return Spindle(file, line, self.spindle, most, self.speed or 0.0, least_rpm=least)
 
     def x_factor(self, *, absolute: bool) -> float:
         """Return the length of a unit of X, which is a diameter or a radius."""
@@ -304,7 +328,7 @@ def lasting_state(block: Block) -> tuple[tuple[str, int], tuple[object, ...]] | 
     """Return what a block sets, and its values; None for a block that sets nothing lasting."""
     match block:
         case Spindle(state=state, rpm=rpm, surface_speed=speed):
-            return ("spindle", 0), (state, rpm, speed)
+            return ("spindle", 0), (state, rpm, speed, block.least_rpm)
         case Coolant(mist=mist, flood=flood):
             return ("coolant", 0), (mist, flood)
         case Overrides(feed=feed, spindle=spindle, adaptive_feed=adaptive, feed_stop=stop):

@@ -1,7 +1,8 @@
 """Steps of SINUMERIK's control lines: jumps, blocks, repeated sections, frames, subprograms.
 
 Source: Siemens, "SINUMERIK 840D sl/828D Programming Manual, Job Planning", "Program jumps to jump
-markers", "Check structures", "Program section repetition" and "Subprogram technique".
+markers", "Check structures", "Program section repetition" and "Subprogram technique"; Fundamentals,
+"Axial work offset (G58, G59)" and "Programmable spindle speed limitation (G25, G26)".
 """
 
 from __future__ import annotations
@@ -9,15 +10,17 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 
 from cnc.gcode.core.block_matching import BLOCK_KEYWORDS, block_at
 from cnc.gcode.core.call_stack import ControlStep, Flow, Frame, Listing, Loop, Maker, Section, Step
 from cnc.gcode.core.control_flow import BackwardJump
-from cnc.gcode.core.coordinates import ProgramFrame, Transform
+from cnc.gcode.core.coordinates import ProgramFrame, Transform, Triple
 from cnc.gcode.core.subprograms import skips_missing
+from cnc.gcode.reader.parameters import Parameters
 from cnc.gcode.reader.source_text import Place, lines_with, windows_from
-from cnc.gcode.reader.statements import Control, Statement
-from cnc.gcode.reader.words import Word, under_compensation
+from cnc.gcode.reader.statements import Control, Statement, Value
+from cnc.gcode.reader.words import Word, fault, under_compensation
 from cnc.model.blocks import PLANE_AXES
 from cnc.model.diagnostics import GcodeError
 
@@ -262,6 +265,7 @@ def _leave_sections(flow: Flow, target: int) -> None:
 # Frames: TRANS, ROT, SCALE, MIRROR, and those that add to them.
 
 SMALLEST_FACTOR = 1e-6
+_NO_SHIFT = (0.0, 0.0, 0.0)
 
 
 class FrameLine(ControlStep):
@@ -286,8 +290,7 @@ class FrameLine(ControlStep):
         if self.name == "CYCLE800":
             self._check_level(flow)
         given = [value(flow.parameters) for value in self.control.values]
-        base = flow.program_frame if self.name.startswith("A") else ProgramFrame()
-        flow.program_frame = frame = self._changed(flow, base, given)
+        flow.program_frame = frame = self._changed(flow, flow.program_frame, given)
         _put_into_effect(flow, frame)
         return line + 1
 
@@ -319,11 +322,23 @@ class FrameLine(ControlStep):
         scale = flow.interpreter.modal.scale
         *axes, angle = given
         x, y, z = axes
-        kind = self.name.removeprefix("A")
+        lengths = x * scale, y * scale, z * scale
+        if self.name == "G58":
+            return replace(frame, shift=_given_or(lengths, frame.shift))
+        if self.name == "G59":
+            return replace(frame, added=_given_or(lengths, frame.added), is_axial=True)
+        kind, adds = self.name.removeprefix("A"), self.name.startswith("A")
         if all(value != value for value in given):
-            return ProgramFrame() if not self.name.startswith("A") else frame
-        if kind == "TRANS":
-            return frame.moved((_or(x, 0.0) * scale, _or(y, 0.0) * scale, _or(z, 0.0) * scale))
+            return frame if adds else ProgramFrame()
+        if self.name == "TRANS":
+            if frame.is_axial and any(frame.added):
+                message = "TRANS after G59: the control may keep the shift of G59, or end it"
+                hint = "write TRANS in a line of its own before, or G58 in place of TRANS"
+                raise flow.listing.fault(self.at, "code-not-supported", message, hint)
+            return ProgramFrame(shift=_given_or(lengths, _NO_SHIFT))
+        if self.name == "ATRANS":
+            return frame.moved(_given_or(lengths, _NO_SHIFT))
+        frame = frame if adds else ProgramFrame()
         if kind == "MIRROR":
             return frame.scaled((_mirror(x), _mirror(y), _mirror(z)))
         if kind == "SCALE":
@@ -341,12 +356,18 @@ class FrameLine(ControlStep):
         return turned
 
 
+def _given_or(given: tuple[float, float, float], others: Triple) -> Triple:
+    """Return the values that are given, and others for those that are not numbers."""
+    x, y, z = (a if a == a else b for a, b in zip(given, others, strict=True))
+    return x, y, z
+
+
 def _put_into_effect(flow: Flow, frame: ProgramFrame) -> None:
     interpreter = flow.interpreter
     coordinates, column = interpreter.coordinates, interpreter.motion.column
     columns = [column.get(axis) for axis in "XYZ"]
     coordinates.set_local(
-        {at: value for at, value in zip(columns, frame.shift, strict=True) if at is not None}
+        {at: value for at, value in zip(columns, frame.origin, strict=True) if at is not None}
     )
     none = Transform.none(len(coordinates.axes))
     factors = list(none.factors)
@@ -546,6 +567,65 @@ class _Definition(ControlStep):
             else:
                 flow.parameters.set_name(name, value(flow.parameters), 1)
         return line + 1
+
+
+# Lines of G25 and G26 with S, and of G58 and G59 with X, Y, Z.
+
+_LIMITS, _AXIAL = (25.0, 26.0), (58.0, 59.0)
+
+
+def _not_given(_: Parameters) -> float:
+    return math.nan
+
+
+class SpeedLimit(ControlStep):
+    """G25 S (lowest speed of the spindle) or G26 S (highest). S of the program stays."""
+
+    __slots__ = ()
+
+    def run(self, flow: Flow, line: int) -> int:
+        """Put the limit into effect, for a spindle that turns at once."""
+        interpreter, code = flow.interpreter, str(self.control.label)
+        interpreter.here.line = line
+        interpreter.begun = True
+        rpm = self.control.values[0](flow.parameters)
+        if not 0.0 <= rpm < math.inf:
+            message = f"{code} needs S, a speed from 0 on"
+            raise flow.listing.fault(self.at, "value-out-of-range", message)
+        interpreter.machine_codes.limit_range(code, rpm)
+        return line + 1
+
+
+def step_of_code(flow: Flow, line: int, statement: Statement) -> Step | None:
+    """Return the step of a line of G25 S, G26 S, G58 or G59; None for another line.
+
+    Raises:
+        GcodeError: ``code-not-supported``: another word stands beside G58 or G59.
+    """
+    codes = (word for word in statement.words if word.letter == "G")
+    code = next((word for word in codes if word.number in _LIMITS + _AXIAL), None)
+    if code is None:
+        return None
+    computed, name = dict(statement.computed), f"G{code.number:g}"
+    given = {
+        word.letter: computed.get(at, lambda _, number=word.number: number)
+        for at, word in enumerate(statement.words)
+        if word is not code and word.letter != "N"
+    }
+    is_alone = not statement.remarks and not statement.assignments
+
+    def control(*values: Value) -> Control:
+        return Control("frame", name, values, code.column, code.length)
+
+    if code.number in _LIMITS:
+        is_speed = given.keys() == {"S"} and is_alone
+        return SpeedLimit(flow, line, control(given["S"])) if is_speed else None
+    if not given or not given.keys() <= {"X", "Y", "Z"} or not is_alone:
+        hint = f"write {name} with X, Y or Z in a line of its own"
+        message = f"{name} without X, Y and Z, or with other words, is not supported"
+        raise fault("code-not-supported", message, code, hint)
+    values = (given.get(word, _not_given) for word in ("X", "Y", "Z", "RPL"))
+    return FrameLine(flow, line, control(*values))
 
 
 MAKERS: dict[str, Maker] = {
