@@ -74,6 +74,7 @@ bench: $(VENV)/installed-test
 	$(BIN)/python -m benchmarks.interpolators
 	$(BIN)/python -m benchmarks.checking
 	$(BIN)/python -m benchmarks.view
+	$(BIN)/python -m benchmarks.history
 
 # A wheel with compiled kernels, for this system and version of Python and any of its processors: dist/*.whl.
 wheel: $(VENV)/installed-test

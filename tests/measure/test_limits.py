@@ -75,7 +75,8 @@ def test_seven_tenths_of_the_first_value_that_loses_steps_are_proposed(v, a, j, 
         tried = [trial.value for trial in raised.trials if trial.name == name]
         key = raised.measured.keys.get(("axes", "x", f"max_{name}"))
         if key is not None:
-            assert key <= KEPT * max(tried) <= 2.0 * KEPT * least
+            # But for the rounding of the product.
+            assert key <= KEPT * max(tried) * (1.0 + 1e-12) <= 2.0 * KEPT * least * (1.0 + 1e-12)
 
 
 def test_nothing_is_raised_beyond_what_a_stroke_or_the_board_reaches():
