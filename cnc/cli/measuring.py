@@ -170,7 +170,10 @@ def _measure(order: Order, on: GaugeOptions, probe: ProbeOptions) -> int:
     on.terminal.open_log(on.machine)
     given = load_machine(on.machine)
     plain = measuring.measured_machine(given, order)
-    if order.probe is not None and registry.board_factory(on.board or given.board.kind).traits.simulated:
+    if (
+        order.probe is not None
+        and registry.board_factory(on.board or given.board.kind).traits.simulated
+    ):
         raise measuring.no_probe()
     feed = None if on.feed is None else per_second(on.feed)
     with connected(plain, on.board, on.port) as (session, signals):

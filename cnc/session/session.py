@@ -50,8 +50,6 @@ from cnc.session.options import RunOptions
 from cnc.session.pipeline import PathItems, PlannedMotion
 from cnc.session.position_check import (
     PositionCheck,
-    home_line_board,
-    locate,
     named_offsets,
     offsets_in,
     write_offsets,
@@ -455,9 +453,11 @@ class Session:
         record = RunRecord(context, capabilities)
         record.read_checkpoint()
         lines = board if board is not None and board.takes == "lines" else None
-        if board is not None and board.takes == "pulses":
-            locate(context, board)
         if board is not None:
+            from cnc.session import homing  # a check does not need it
+
+            if board.takes == "pulses":
+                homing.locate(context, board)
             self._warn(board.unlike(report.machine))
         homes = lines is not None and context.options.home and not lines.check_only
         if lines is not None and not homes:
@@ -480,7 +480,7 @@ class Session:
         self._kernels.before_motion(board, reads_again=kept is None)
         self._confirm_restart()
         if lines is not None and homes:
-            home_line_board(context, lines)
+            homing.home_line_board(context, lines)
             record.check_position(lines)
         control = context.observer.control
         overrides = control.feed_override, float(control.rapid_override)

@@ -11,6 +11,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from cnc.gcode.core.call_stack import ControlStep, Flow, Frame, Listing, Maker, Step, Subroutine
 from cnc.gcode.core.control_flow import ControlLine, shown
@@ -21,6 +22,9 @@ from cnc.gcode.reader.source_text import Place, Text
 from cnc.gcode.reader.statements import Control, Value
 from cnc.gcode.reader.words import Word, fault
 from cnc.model.diagnostics import CncError, UsageError
+
+if TYPE_CHECKING:
+    from cnc.gcode.sinumerik.variables import Variables
 
 MAX_LABEL = 999_999_999
 """Highest label that a call may compute."""
@@ -99,15 +103,19 @@ class Library:
         """Return the syntax of a file; variables of SINUMERIK that it defines are its own."""
         if self._syntax.flavour != "siemens":
             return self._syntax
-        from cnc.gcode.sinumerik.variables import (
-            DEFINING,
-            defined_variables,
-        )  # for its programs only
-
-        own = defined_variables(text.first_lines_with(DEFINING), in_subprogram=True)
+        own = defined_variables(text, in_subprogram=True)
         names = {variable.name for variable in own}
         others = (variable for variable in self._syntax.variables if variable.name not in names)
         return replace(self._syntax, variables=(*own, *others))
+
+
+def defined_variables(text: Text, *, in_subprogram: bool = False) -> Variables:
+    """Return the variables that a program of SINUMERIK defines."""
+    from cnc.gcode.sinumerik import variables  # for its programs only
+
+    return variables.defined_variables(
+        text.first_lines_with(variables.DEFINING), in_subprogram=in_subprogram
+    )
 
 
 def file_names(name: str) -> list[str]:

@@ -33,6 +33,7 @@ from cnc.gcode.reader.words import fault
 from cnc.model.diagnostics import Diagnostic, Fix, GcodeError
 
 if TYPE_CHECKING:
+    from cnc.gcode.sinumerik.statements import Lines
     from cnc.gcode.sinumerik.variables import Names, Variables
 
 
@@ -178,15 +179,24 @@ def _meaning_of_head(text: str, syntax: Syntax) -> str:
 
 def _siemens_line(text: str, syntax: Syntax) -> Statement:
     """Parse a line of SINUMERIK."""
-    from cnc.gcode.sinumerik.statements import Lines  # most programs are in another language
-    from cnc.gcode.sinumerik.variables import describe
-
     reading = read_line(text, SINUMERIK.grammar)
-    results = reading.results
+    results, lines = reading.results, siemens_lines(text, syntax)
     if results.status[0]:
-        wanted = reading.grammar.wanted[results.state[0]]
-        raise describe(text, int(results.place[0]), wanted)
-    return Lines(text, syntax.names).statement(reading, 0)
+        raise lines.refused(int(results.place[0]), reading.grammar.wanted[results.state[0]])
+    return lines.statement(reading, 0)
+
+
+def siemens_lines(text: str, syntax: Syntax, shift: int = 0) -> Lines:
+    """Return the maker of the statement of a line of SINUMERIK.
+
+    Args:
+        text: The line.
+        syntax: The syntax, with the variables of the program.
+        shift: Position of the line in the text of the events.
+    """
+    from cnc.gcode.sinumerik.statements import Lines  # most programs are in another language
+
+    return Lines(text, syntax.names, shift)
 
 
 def _parse_mended(text: str, syntax: Syntax) -> Statement:

@@ -38,6 +38,7 @@ from cnc.gcode.sinumerik.variables import (
     MOST_ELEMENTS,
     Names,
     Variable,
+    describe,
     elements,
     left_from,
     no_names,
@@ -144,6 +145,10 @@ class Lines(ExpressionRules):
         self._names = names
         self._remarks: list[Remark] = []
         self._loose: list[tuple[Node, str]] = []
+
+    def refused(self, place: int, wanted: frozenset[str]) -> GcodeError:
+        """Return the error at the place where the line does not go on as its grammar says."""
+        return describe(self._text, place, wanted)
 
     def number(self, begin: int, end: int, value: float) -> Node:
         """Return a number as a node."""
