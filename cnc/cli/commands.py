@@ -58,6 +58,7 @@ from cnc.model.diagnostics import (
     UsageError,
     printable,
     shown_name,
+    write_error,
 )
 from cnc.model.operator_control import HomingStopped
 from cnc.version import __version__
@@ -507,8 +508,6 @@ def exit_code(arguments: Sequence[str]) -> int:
         if error.errno not in NO_SPACE or error.filename is not None:
             return internal_error(error, not {"--verbose", "-v"}.isdisjoint(arguments))
         _drop_output()
-        from cnc.report.targets import write_error  # imports numpy, which --help does without
-
         return fail(write_error("-", error))
     except Exception as error:
         return internal_error(error, not {"--verbose", "-v"}.isdisjoint(arguments))

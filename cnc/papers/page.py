@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -76,9 +77,7 @@ def prepared(folder: Path) -> Path:
 
 def drawing_missing() -> Diagnostic | None:
     """Return a warning if the figures cannot be drawn."""
-    try:
-        import matplotlib.figure  # noqa: F401
-    except ImportError:
+    if find_spec("matplotlib") is None:
         message = "the figures need matplotlib, which is not installed; the tables are complete"
         hint = "pip install 'cncrun[view]', or pip install matplotlib"
         return Diagnostic("figures-missing", message, hint=hint, severity="warning")
@@ -141,11 +140,14 @@ def _cell(cell: Cell) -> str:
 
 
 def _save(figure: Figure, file: Path) -> None:
-    from matplotlib import rc_context
-    from matplotlib.figure import Figure as Canvas
+    import matplotlib.figure  # the tables do not need it
 
-    with rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "lines.linewidth": 1.0}):
-        canvas = Canvas(figsize=figure.size, dpi=DOTS_PER_INCH, layout="constrained")
+    with matplotlib.rc_context(
+        {"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "lines.linewidth": 1.0}
+    ):
+        canvas = matplotlib.figure.Figure(
+            figsize=figure.size, dpi=DOTS_PER_INCH, layout="constrained"
+        )
         figure.draw(canvas)
         canvas.savefig(file)
 

@@ -622,23 +622,11 @@ class ProgramWarp:
     """
 
     def __init__(self, file: str, machine: Machine) -> None:
-        from cnc.machine.height_map import load_height_map  # most programs have no map
-        from cnc.path.warp import Surface, Warp
+        from cnc.path import warp  # most programs have no map
 
-        self._file, self._map = file, load_height_map(Path(file))
-        if machine.kind == "lathe" or not {"x", "y", "z"} <= set(machine.axes):
-            message = f"a height map needs X, Y and Z of a mill; {machine.name} has others"
-            hint = "leave --height-map out, or name another machine"
-            raise UsageError(Diagnostic("height-map-machine", message, hint=hint))
-        if self._map.gaps:
-            raise UsageError(self._map.gap_finding(printable(file)))
-        surface = Surface(
-            np.array(self._map.x),
-            np.array(self._map.y),
-            np.array(self._map.heights, np.float64),
-            smooth=self._map.interpolation == "bicubic",
-        )
-        self._begin = partial(Warp, surface, tolerance=self._map.tolerance)
+        self._file, self._map = file, warp.map_for(machine, file)
+        surface = warp.Surface.of(self._map)
+        self._begin = partial(warp.Warp, surface, tolerance=self._map.tolerance)
         self._warp: Warp | None = None
 
     def blocks(

@@ -190,11 +190,8 @@ def interpret(
             tool_tip=options.tool_tip,
         ),
     )
-    syntax = rules.syntax(defined_variables(text) if rules.flavour == "siemens" else ())
-    if rules.flavour == "siemens":
-        from cnc.gcode.sinumerik.variables import bind_arrays  # for its programs only
-
-        bind_arrays(parameters, syntax.variables)
+    siemens = rules.flavour == "siemens"
+    syntax = rules.syntax(defined_variables(text, parameters) if siemens else ())
     listing = Listing(text, syntax, block_delete=options.block_delete)
     if options.mark_tool_offsets:
         _mark_tool_offsets(interpreter)

@@ -27,6 +27,7 @@ from cnc.gcode.reader.lines import (
     Language,
     read_line,
 )
+from cnc.gcode.reader.parameters import Names, Variables
 from cnc.gcode.reader.statements import MENDED, NOTED, Remark, Statement, Translator
 from cnc.gcode.reader.syntax_errors import MACRO_KEYWORDS, O_KEYWORDS, ErrorContext, describe
 from cnc.gcode.reader.words import fault
@@ -34,9 +35,9 @@ from cnc.model.diagnostics import Diagnostic, Fix, GcodeError
 
 if TYPE_CHECKING:
     from cnc.gcode.sinumerik.statements import Lines
-    from cnc.gcode.sinumerik.variables import Names, Variables
 
 
+_names_of = lru_cache(maxsize=8)(Names)
 MEMO = 4096
 """Parsed lines that are kept."""
 
@@ -104,13 +105,6 @@ class Syntax:
 
 
 AUTO = Syntax(siemens=True)
-
-
-@lru_cache(maxsize=8)
-def _names_of(variables: Variables) -> Names:
-    from cnc.gcode.sinumerik.variables import Names  # most programs are in another language
-
-    return Names(variables)
 
 
 @lru_cache(maxsize=MEMO)

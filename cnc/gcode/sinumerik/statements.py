@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, cast
 
 from cnc.gcode.reader.expressions import Builder, Node, constant
-from cnc.gcode.reader.parameters import Parameters
+from cnc.gcode.reader.parameters import Names, Parameters, Variable
 from cnc.gcode.reader.statements import (
     DIAMETERS,
     DIRECTION,
@@ -36,8 +36,6 @@ from cnc.gcode.reader.words import MAX_NUMBER, Word
 from cnc.gcode.sinumerik.variables import (
     KINDS,
     MOST_ELEMENTS,
-    Names,
-    Variable,
     describe,
     elements,
     left_from,
