@@ -9,9 +9,9 @@ page has the tables alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -77,7 +77,10 @@ def prepared(folder: Path) -> Path:
 
 def drawing_missing() -> Diagnostic | None:
     """Return a warning if the figures cannot be drawn."""
-    if find_spec("matplotlib") is None:
+    try:
+        with _canvas((1.0, 1.0)):
+            pass
+    except ImportError:
         message = "the figures need matplotlib, which is not installed; the tables are complete"
         hint = "pip install 'cncrun[view]', or pip install matplotlib"
         return Diagnostic("figures-missing", message, hint=hint, severity="warning")
@@ -140,16 +143,19 @@ def _cell(cell: Cell) -> str:
 
 
 def _save(figure: Figure, file: Path) -> None:
-    import matplotlib.figure  # the tables do not need it
-
-    with matplotlib.rc_context(
-        {"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "lines.linewidth": 1.0}
-    ):
-        canvas = matplotlib.figure.Figure(
-            figsize=figure.size, dpi=DOTS_PER_INCH, layout="constrained"
-        )
+    with _canvas(figure.size) as canvas:
         figure.draw(canvas)
         canvas.savefig(file)
+
+
+@contextmanager
+def _canvas(size: tuple[float, float]) -> Iterator[Canvas]:
+    """Give an empty figure of a size in inches; ImportError without matplotlib."""
+    import matplotlib.figure  # the tables do not need it
+
+    look = {"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "lines.linewidth": 1.0}
+    with matplotlib.rc_context(look):
+        yield matplotlib.figure.Figure(figsize=size, dpi=DOTS_PER_INCH, layout="constrained")
 
 
 def _can_not_write(place: Path | str, error: OSError) -> UsageError:
