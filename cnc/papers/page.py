@@ -153,8 +153,9 @@ def _canvas(size: tuple[float, float]) -> Iterator[Canvas]:
     """Give an empty figure of a size in inches; ImportError without matplotlib."""
     import matplotlib.figure  # the tables do not need it
 
-    look = {"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "lines.linewidth": 1.0}
-    with matplotlib.rc_context(look):
+    with matplotlib.rc_context(
+        {"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "lines.linewidth": 1.0}
+    ):
         yield matplotlib.figure.Figure(figsize=size, dpi=DOTS_PER_INCH, layout="constrained")
 
 
