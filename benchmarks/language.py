@@ -27,7 +27,7 @@ from pathlib import Path
 from unittest.mock import patch
 
 from benchmarks import cam_programs
-from cnc.cli import NEW_OBJECTS
+from cnc.cli.work import NEW_OBJECTS
 from cnc.gcode.core import line_steps
 from cnc.gcode.core.program import interpret
 from cnc.gcode.core.tool_table import ToolTable

@@ -45,7 +45,6 @@ from cnc.session.kernel_cache import ensure_compiled
 from cnc.session.kernel_needs import moving_jobs
 from cnc.session.options import Outputs, RunOptions
 from cnc.session.pipeline import path_of
-from cnc.session.position_check import home_by_board
 from cnc.session.program_reader import TEXT_NAME, InlineProgram, start_position
 from cnc.session.run_pulses import Progress
 from cnc.session.session import Session
@@ -370,7 +369,7 @@ def home(
 
     try:
         if opened.takes == "lines":
-            return dict(home_by_board(opened, known, axes, control or Control()))
+            return dict(homing.home_and_record(opened, known, axes, control or Control()))
         ensure_compiled(seen.on_compiling, seen.on_kernel, moving_jobs(opened))
         positions = homing.home(
             opened,

@@ -29,7 +29,6 @@ class TravelCheck:
 
     Args:
         machine: gives the travel and the highest speed of each axis.
-        slack: mm or degrees by which the path may leave the travel.
 
     Attributes:
         length: path length so far, mm.
@@ -39,7 +38,7 @@ class TravelCheck:
         last_line: source line of the last motion.
     """
 
-    def __init__(self, machine: Machine, slack: float = ROUNDING) -> None:
+    def __init__(self, machine: Machine) -> None:
         self.machine = machine
         self.length = 0.0
         self.last_line = 0
@@ -65,7 +64,7 @@ class TravelCheck:
         travels = [axis.travel or (-np.inf, np.inf) for _, _, axis in self._tables]
         # The travel of an axis that repeats after a turn holds for the place within the turn.
         self._repeats = np.array([axis.wrap is not None for _, _, axis in self._tables])
-        slacks = np.full(n, slack)
+        slacks = np.full(n, ROUNDING)
         if machine.is_compensated:
             steps = 1.0 / machine.steps_per_mm
             slacks = np.maximum(slacks, np.concatenate((steps, steps)))

@@ -12,17 +12,10 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Sequence
-from importlib import import_module
-from types import ModuleType
 
 from cnc.cli.signals import prepare_streams
 
 __all__ = ["exit_code", "main"]
-
-WORK = ("checking", "language_server", "operating", "projects", "rewriting")
-"""Modules that commands use as attributes of this package, so that they are imported then."""
-NEW_OBJECTS = 10_000
-"""New objects after which the collector looks for garbage among them."""
 
 
 def main() -> None:
@@ -34,7 +27,7 @@ def main() -> None:
     _serve_signals()
     gc.disable()  # nothing of what is imported here is garbage
     try:
-        from cnc.cli.commands import exit_code as carry_out
+        carry_out = _commands()
     except KeyboardInterrupt:
         # No command has begun yet, which would print this.
         print("stopped by the operator; nothing has moved", file=sys.stderr)
@@ -74,34 +67,11 @@ def _serve_signals() -> None:
 
 def exit_code(arguments: Sequence[str]) -> int:
     """Carry out a command line; return its exit code. Errors are printed as messages."""
-    from cnc.cli.commands import exit_code as carry_out
-
-    return carry_out(arguments)
+    return _commands()(arguments)
 
 
-def __getattr__(name: str) -> ModuleType:
-    """Import a module with the work of commands, and the library, when it is used first."""
-    if name not in WORK:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    load_library()
-    return import_module(f"{__name__}.{name}")
+def _commands() -> Callable[[Sequence[str]], int]:
+    """Import the commands; return the function that carries out a command line."""
+    from cnc.cli import commands  # after the signals are served
 
-
-def load_library() -> None:
-    """Import :mod:`cnc.api`, with its objects excluded from garbage collection.
-
-    They live as long as the process, and the collector would visit them again and again: during
-    the import it would take a tenth of the time. Later it visits the new objects less often than
-    Python's default of 700: a long program has many blocks, none of which is in a cycle.
-    """
-    gc.disable()
-    # The threads of linear algebra would only wait: no matrix here is large.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # pydantic would search all installed packages for extensions of itself.
-    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
-    try:
-        import_module("cnc.api")
-    finally:
-        gc.freeze()
-        gc.set_threshold(NEW_OBJECTS)
-        gc.enable()
+    return commands.exit_code

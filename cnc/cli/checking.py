@@ -20,8 +20,6 @@ from cnc.batch.task import Task
 from cnc.cli.options import CheckFormat, CheckOptions, CommonOptions
 from cnc.cli.progress import ProgressDisplay, print_compiling
 from cnc.cli.projects import jobs_of, options_of
-from cnc.gcode.reader.source_text import Text
-from cnc.model.choices import DialectName
 from cnc.model.diagnostics import (
     EXIT_REJECTED,
     EXIT_STOPPED,
@@ -34,9 +32,8 @@ from cnc.model.diagnostics import (
 )
 from cnc.model.operator_control import Control
 from cnc.report.result import Report, position
-from cnc.report.summary import TRAVEL_NOT_CHECKED, one_line, print_summary, write_json, write_object
-from cnc.report.targets import TextTarget
-from cnc.session.program_reader import display_name, readable_file
+from cnc.report.summary import TRAVEL_NOT_CHECKED, one_line, print_summary, write_json
+from cnc.session.kernel_cache import ensure_compiled
 
 log = logging.getLogger(__name__)
 
@@ -265,43 +262,6 @@ def finish(report: Report, common: CommonOptions, picture: str | None = None) ->
     return end([report], quiet=quiet)
 
 
-def compare_programs(
-    names: tuple[str, str],
-    machine: str | None,
-    dialect: DialectName | None,
-    json: str | None,
-    *,
-    quiet: bool,
-) -> int:
-    """Compare two programs; write and print the result; return the exit code.
-
-    Raises:
-        UsageError: ``usage`` where their project files name different machines.
-    """
-    from cnc.compare.programs import compare  # no check needs it
-
-    common = CommonOptions(machine=machine, dialect=dialect)
-    first, second = (options_of(name, common) for name in names)
-    if first.machine.file != second.machine.file:
-        message = f"the programs belong to two machines: {first.machine.file} and "
-        message += str(second.machine.file)
-        hint = "name the machine to compare them on with --machine"
-        raise UsageError(Diagnostic("usage", message, hint=hint))
-    with ProgressDisplay(Control(), quiet=quiet) as display:
-        comparison = compare(
-            *names,
-            (first.machine, second.machine),
-            (first.common.run_options(), second.common.run_options()),
-            display.callbacks(),
-        )
-    if all(report.ok and report.stopped_at_line is None for report in comparison.reports):
-        if json is not None:
-            write_object(json, comparison.as_json())
-        if not quiet:
-            print(*comparison.lines(), sep="\n", file=sys.stderr if json == "-" else sys.stdout)
-    return end(comparison.reports, quiet=quiet)
-
-
 def show(report: Report, common: CommonOptions, stream: TextIO) -> None:
     """Print the summary, unless the program has faults or was stopped."""
     if common.terminal.quiet or report.faults or report.stopped_at_line is not None:
@@ -309,27 +269,8 @@ def show(report: Report, common: CommonOptions, stream: TextIO) -> None:
     print_summary(report, stream, verbose=common.terminal.verbose)
 
 
-def write_tool_table(program: str, file: str | None) -> None:
-    """Write the skeleton of a program's tool table to a file; None prints it.
-
-    Raises:
-        UsageError: ``no-tools``, or the program cannot be read, or the file not written.
-    """
-    from cnc.checks.tool_list import ToolList  # no check needs it
-
-    with readable_file(program) as path:
-        name = display_name(program)
-        tools = ToolList.of(Text.of_file(path, name).all_lines())
-    if not tools.tools:
-        message, hint = "the program has no T word", "a program without tools needs no table"
-        raise UsageError(Diagnostic("no-tools", message, name, hint=hint))
-    text = "".join(line + "\n" for line in tools.skeleton(name))
-    if file is None:
-        print(text, end="")
-        return
-    target = TextTarget(file)
-    try:
-        target.write(text)
-        target.close()
-    finally:
-        target.discard()
+def compile_kernels(*, quiet: bool) -> None:
+    """Compile all kernels, with a progress bar."""
+    with ProgressDisplay(Control(), quiet=quiet) as display:
+        callbacks = display.callbacks()
+        ensure_compiled(callbacks.on_compiling, callbacks.on_kernel)

@@ -8,18 +8,17 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from cyclopts import App, CycloptsError, Parameter
 from cyclopts.argument import ArgumentCollection
 
 import cnc
-from cnc import cli
+from cnc.cli import work
 from cnc.cli.keyboard import Keyboard
-from cnc.cli.measuring import backlash, limits, pitch, ringing, square
+from cnc.cli.measure_commands import backlash, limits, pitch, ringing, square
 from cnc.cli.messages import EXIT_PIPE, close_log, fail, internal_error, usage
 from cnc.cli.operate_commands import (
-    TERMINAL,
     boards,
     height_map,
     home,
@@ -34,6 +33,7 @@ from cnc.cli.options import (
     DAILY,
     HYPHEN,
     OTHERS,
+    TERMINAL,
     BoardOptions,
     CheckFormat,
     CheckOptions,
@@ -58,15 +58,10 @@ from cnc.model.diagnostics import (
     UsageError,
     printable,
     shown_name,
+    write_error,
 )
-from cnc.model.operator_control import Control, HomingStopped
+from cnc.model.operator_control import HomingStopped
 from cnc.version import __version__
-
-if TYPE_CHECKING:
-    import cnc.cli.checking
-    import cnc.cli.language_server
-    import cnc.cli.projects
-    import cnc.cli.rewriting
 
 # The application of cyclopts, with a quicker ``--help``.
 
@@ -196,7 +191,7 @@ def run(
     if dry_run:
         return check(program, common=common)
     common.prepare(program, on_board.port)
-    chosen = cli.projects.options_of(program, common)
+    chosen = work.projects.options_of(program, common)
     control = on_board.control(common.feed_override)
     display = ProgressDisplay(control, quiet=common.terminal.quiet, plain=on_board.plain)
     with display, Keyboard(control, report_hang_up) as keys:
@@ -222,7 +217,7 @@ def run(
             ),
             control=control,
         )
-    return cli.checking.finish(report, common)
+    return work.checking.finish(report, common)
 
 
 @app.command
@@ -257,10 +252,10 @@ def check(
     common.prepare(*names, baseline, to_standard_output=prints_results, further=options.stl)
     if fixes.wanted:
         stream = common.summary_file if format == "text" else sys.stderr
-        repairs = cli.rewriting.repair_programs(names, common, options, fixes, stream)
+        repairs = work.rewriting.repair_programs(names, common, options, fixes, stream)
         if fixes.diff:
             return repairs
-    return cli.checking.check_programs(names, common, options, format, baseline, fail_on)
+    return work.checking.check_programs(names, common, options, format, baseline, fail_on)
 
 
 @app.command
@@ -288,7 +283,7 @@ def diff(
         raise UsageError(Diagnostic("usage", message, hint=hint))
     check_files((json, terminal.log), (machine, first, second))
     terminal.open_log(machine, first, second)
-    return cli.checking.compare_programs(
+    return work.rewriting.compare_programs(
         (first, second), machine, dialect, json, quiet=terminal.quiet
     )
 
@@ -316,8 +311,8 @@ def view(
     The motion is feed, acceleration and jerk. A page has the text of the program, too.
     """
     common.prepare(program, further=output)
-    report = cli.checking.check_one(program, common, CheckOptions(stock=stock), output)
-    return cli.checking.finish(report, common, output)
+    report = work.checking.check_one(program, common, CheckOptions(stock=stock), output)
+    return work.checking.finish(report, common, output)
 
 
 @app.command
@@ -336,7 +331,7 @@ def papers(
     from cnc.papers import contents, page
 
     page.prepared(folder)
-    _compile(quiet=quiet)
+    work.checking.compile_kernels(quiet=quiet)
     done = []
     for section in contents.sections():
         if not quiet:
@@ -367,7 +362,7 @@ def tools(
     add its length, and name the file in the machine file: tool_table under [program].
     """
     check_files((file,), (program,))
-    cli.checking.write_tool_table(program, file)
+    work.rewriting.write_tool_table(program, file)
     return 0
 
 
@@ -398,7 +393,7 @@ def format_programs(
     """
     terminal.open_log(machine, *programs)
     names = [name.replace(HYPHEN, "-") for name in programs]
-    return cli.rewriting.format_programs(
+    return work.rewriting.format_programs(
         names, machine, dialect, style, check=check, in_place=in_place, quiet=terminal.quiet
     )
 
@@ -409,7 +404,7 @@ def config(program: ProgramOption, /) -> int:
 
     The project file is cncrun.toml, or [tool.cncrun] in pyproject.toml, found upwards.
     """
-    print(*cli.projects.described(program), sep="\n")
+    print(*work.projects.described(program), sep="\n")
     return 0
 
 
@@ -431,7 +426,7 @@ def lsp(
     """
     terminal.open_log(machine)
     try:
-        serve_editor = cli.language_server.serve
+        serve_editor = work.language_server.serve
     except ImportError as error:
         message = f"the language server needs {error.name}, which is not installed"
         hint = "pip install 'cncrun[lsp]'"
@@ -464,7 +459,7 @@ def convert(
     file = options.output(program)
     check_files((None if options.in_place else file, json, terminal.log), (machine, program))
     terminal.open_log(machine, program)
-    return cli.rewriting.convert_program(
+    return work.rewriting.convert_program(
         program, file, options, machine, dialect, json, quiet=terminal.quiet
     )
 
@@ -475,19 +470,10 @@ def warm(*, quiet: Annotated[bool, option("Print nothing but errors.")] = False)
 
     The command prints the folder of the compiled code.
     """
-    _compile(quiet=quiet)
+    work.checking.compile_kernels(quiet=quiet)
     if not quiet:
         print(f"compiled code  {printable(str(cache_folder()))}")
     return 0
-
-
-def _compile(*, quiet: bool) -> None:
-    """Compile all kernels, with a progress bar."""
-    from cnc.session.kernel_cache import ensure_compiled
-
-    with ProgressDisplay(Control(), quiet=quiet) as display:
-        callbacks = display.callbacks()
-        ensure_compiled(callbacks.on_compiling, callbacks.on_kernel)
 
 
 @app.command
@@ -522,8 +508,6 @@ def exit_code(arguments: Sequence[str]) -> int:
         if error.errno not in NO_SPACE or error.filename is not None:
             return internal_error(error, not {"--verbose", "-v"}.isdisjoint(arguments))
         _drop_output()
-        from cnc.report.targets import write_error  # imports numpy, which --help does without
-
         return fail(write_error("-", error))
     except Exception as error:
         return internal_error(error, not {"--verbose", "-v"}.isdisjoint(arguments))

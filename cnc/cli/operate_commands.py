@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter, validators
 
 import cnc
-from cnc import cli
+from cnc.cli import work
 from cnc.cli.keyboard import Keyboard
 from cnc.cli.options import (
+    TERMINAL,
     BoardOption,
     MachineOption,
+    PortOption,
     TerminalOptions,
     check_files,
     option,
@@ -32,12 +34,8 @@ from cnc.model.operator_control import Control
 from cnc.model.units import per_second
 
 if TYPE_CHECKING:
-    import cnc.cli.operating
-    import cnc.cli.projects
     from cnc.server.serve import Address
 
-TERMINAL = TerminalOptions()
-PortOption = Annotated[str | None, option("Port of the board (/dev/ttyUSB0).")]
 TrustOption = Annotated[bool, option("The position that the board reports is right.")]
 
 
@@ -75,12 +73,12 @@ def jog(
 
     Ctrl-C brings the machine to rest.
     """
-    wanted = cli.operating.words(distances, "X10")
+    wanted = work.operating.words(distances, "X10")
     terminal.open_log(machine)
-    with cli.operating.connected(cnc.load_machine(machine), board, port) as (session, signals):
+    with work.operating.connected(cnc.load_machine(machine), board, port) as (session, signals):
         mm_s = None if feed is None else per_second(feed)
-        cli.operating.waited(session, signals, session.jog_step(wanted, mm_s, unhomed=unhomed))
-        cli.operating.show_position(session, quiet=terminal.quiet)
+        work.operating.waited(session, signals, session.jog_step(wanted, mm_s, unhomed=unhomed))
+        work.operating.show_position(session, quiet=terminal.quiet)
         return EXIT_STOPPED if signals.stopped else 0
 
 
@@ -96,12 +94,12 @@ def unlock(
     The machine is not homed.
     """
     terminal.open_log(machine)
-    with cli.operating.connected(cnc.load_machine(machine), board, port) as (session, signals):
+    with work.operating.connected(cnc.load_machine(machine), board, port) as (session, signals):
         locked = session.state.state == "alarm"
-        cli.operating.waited(session, signals, session.unlock(at_switch=False))
+        work.operating.waited(session, signals, session.unlock(at_switch=False))
         if not terminal.quiet:
             print("the board is unlocked" if locked else "the board was not locked")
-        cli.operating.show_position(session, quiet=terminal.quiet)
+        work.operating.show_position(session, quiet=terminal.quiet)
     return 0
 
 
@@ -120,10 +118,10 @@ def zero(
 
     The zero is at the present position.
     """
-    values = cli.operating.words(axes, "X", default=0.0)
+    values = work.operating.words(axes, "X", default=0.0)
     terminal.open_log(machine)
-    with cli.operating.connected(cnc.load_machine(machine), board, port) as (session, signals):
-        offsets = cli.operating.waited(
+    with work.operating.connected(cnc.load_machine(machine), board, port) as (session, signals):
+        offsets = work.operating.waited(
             session, signals, session.zero(values, system.upper(), half=half)
         )
         if not terminal.quiet:
@@ -145,18 +143,18 @@ def mdi(
     A line has the modes of the lines before it.
     """
     terminal.open_log(machine)
-    with cli.operating.connected(cnc.load_machine(machine), board, port) as (session, signals):
+    with work.operating.connected(cnc.load_machine(machine), board, port) as (session, signals):
         typed = iter(partial(typed_line, signals), "")
         for line in lines or (line.rstrip("\n") for line in typed):
             if not line.strip():
                 continue
-            ended = cli.operating.waited(
+            ended = work.operating.waited(
                 session, signals, session.mdi(line, trust_position=trust_position)
             )
-            cli.operating.show_findings(ended)
+            work.operating.show_findings(ended)
             if ended.outcome != "done":
                 return EXIT_STOPPED if ended.outcome == "stopped" else ended.exit_code
-        cli.operating.show_position(session, quiet=terminal.quiet)
+        work.operating.show_position(session, quiet=terminal.quiet)
     return 0
 
 
@@ -179,19 +177,19 @@ def height_map(
     """
     check_files((output, terminal.log), (machine,))
     chosen = asdict(grid)
-    points = cli.operating.grid_of(area, zero=chosen.pop("set_zero"), **chosen)
+    points = work.operating.grid_of(area, zero=chosen.pop("set_zero"), **chosen)
     terminal.open_log(machine)
-    with cli.operating.connected(cnc.load_machine(machine), board, port) as (session, signals):
+    with work.operating.connected(cnc.load_machine(machine), board, port) as (session, signals):
         session.select_system(system.upper())
         try:
-            surface = cli.operating.waited(
+            surface = work.operating.waited(
                 session, signals, session.probe_grid(points, trust_position=trust_position)
             )
         except CncError:
             if signals.stopped:
                 return EXIT_STOPPED
             raise
-    cli.operating.write_map(surface, output, quiet=terminal.quiet)
+    work.operating.write_map(surface, output, quiet=terminal.quiet)
     return 0
 
 
@@ -222,7 +220,7 @@ def boards(
     pins and the tables of a machine file. Opening a port resets most boards; nothing moves.
     """
     terminal.open_log()
-    return cli.operating.print_boards(ports, baud)
+    return work.operating.print_boards(ports, baud)
 
 
 def home(
@@ -241,7 +239,7 @@ def home(
     switches at the ends of the travels.
     """
     terminal.open_log(machine)
-    cli.load_library()
+    work.load_library()
     control = Control()
     keys = Keyboard(control, report_hang_up)
     with ProgressDisplay(control, quiet=terminal.quiet) as display, keys:
@@ -258,7 +256,7 @@ def home(
             on_squared=None if terminal.quiet else lambda it: print(it.description, flush=True),
         )
     if not terminal.quiet:
-        cli.operating.print_homed(positions)
+        work.operating.print_homed(positions)
     return 0
 
 
@@ -288,22 +286,22 @@ def settings(
     if sum(given is not None for given in (name, save, load)) > 1:
         message, hint = "settings does one thing at a time", "give a setting, --save, or --load"
         raise UsageError(Diagnostic("usage", message, hint=hint))
-    cli.load_library()
+    work.load_library()
     chosen = cnc.load_machine(machine)
-    with cli.operating.opened_settings(chosen, board, port) as kept:
+    with work.operating.opened_settings(chosen, board, port) as kept:
         if save is not None:
-            cli.operating.save_settings(kept, save)
+            work.operating.save_settings(kept, save)
         elif load is not None:
-            cli.operating.change_settings(
-                kept, kept.parsed(cli.operating.lines_of(load), load), yes=yes
+            work.operating.change_settings(
+                kept, kept.parsed(work.operating.lines_of(load), load), yes=yes
             )
         elif name is not None and "=" in name:
             number, _, value = name.partition("=")
-            cli.operating.change_settings(
+            work.operating.change_settings(
                 kept, {kept.number_of(number.strip()): value.strip()}, yes=yes
             )
         else:
-            cli.operating.show_settings(kept, chosen, name)
+            work.operating.show_settings(kept, chosen, name)
     return 0
 
 
@@ -337,9 +335,9 @@ def serve(
     It needs the extra: pip install 'cncrun[serve]'. It ends with Ctrl-C; the machine comes to rest.
     """
     terminal.open_log(machine)
-    cli.load_library()
+    work.load_library()
     if machine is None and folder is not None:
-        machine = cli.projects.machine_of(Path(folder))
+        machine = work.projects.machine_of(Path(folder))
     chosen = cnc.load_machine(machine)
     try:
         from cnc.server import serve as server

@@ -62,6 +62,7 @@ MachineOption = Annotated[
     str | None,
     option("Machine file (TOML), or the name of a shipped one such as paper-nurbs.", DAILY),
 ]
+PortOption = Annotated[str | None, option("Port of the board (/dev/ttyUSB0).")]
 BoardOption = Annotated[
     str | None,
     option(
@@ -97,6 +98,9 @@ class TerminalOptions:
         if self.log is not None:
             check_files((self.log,), inputs)
         open_log(self.log, verbose=self.verbose)
+
+
+TERMINAL = TerminalOptions()
 
 
 @Parameter(name="*")
@@ -440,3 +444,72 @@ def check_files(
             message = f"an output would overwrite {read[file]}"
             raise UsageError(Diagnostic("output-over-input", message, hint="give it another name"))
         taken.add(file)
+
+
+# Options of measurements.
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class MeasureOptions:
+    """Options of all measurements."""
+
+    yes: Annotated[bool, option("Write the machine file without a question.")] = False
+    machine: MachineOption = None
+    board: BoardOption = None
+    port: PortOption = None
+    terminal: TerminalOptions = TERMINAL
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class SensorOptions(MeasureOptions):
+    """Options of the accelerometer of a board."""
+
+    unhomed: Annotated[bool, option("Move although the machine is not homed.")] = False
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class GaugeOptions(MeasureOptions):
+    """Options of measurements with a gauge, beside which the axes move slowly."""
+
+    unhomed: Annotated[bool, option("Move although the machine is not homed.")] = False
+    feed: Annotated[
+        float | None, option("Speed, mm/min; by default the highest that stops within 0.2 s.")
+    ] = None
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class ProbeOptions:
+    """Options of the touch probe in place of a gauge."""
+
+    probe: Annotated[bool, option("Measure with the touch probe in the spindle.")] = False
+    reach: Annotated[float, option("With the probe: longest way to a face, mm.")] = 10.0
+    contacts: Annotated[int, option("With the probe: contacts of a place.")] = 5
+    contact_feed: Annotated[
+        float, option("With the probe: speed of a first contact, mm/min; four times slower then.")
+    ] = 100.0
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class FaceOptions:
+    """Options of faces at known distances, which the probe touches."""
+
+    faces: Annotated[
+        tuple[float, ...],
+        Parameter(
+            help="With the probe: distances of the faces from the first one, mm.",
+            consume_multiple=True,
+            negative="",
+        ),
+    ] = ()
+    touch: Annotated[
+        str, option("With the probe: the axis and the direction of the touches, such as X-.")
+    ] = ""
+    lift: Annotated[float, option("With the probe: way of Z over a face, mm.")] = 20.0
+    blocks: Annotated[
+        bool, option("With the probe: wait at each face until the row of blocks is changed.")
+    ] = False

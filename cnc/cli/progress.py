@@ -17,8 +17,7 @@ from cnc.model.diagnostics import Diagnostic, shown_name
 from cnc.model.operator_control import Control
 
 if TYPE_CHECKING:
-    from rich.progress import Progress
-
+    from cnc.cli.drawing import Bar
     from cnc.session.context import Stage
     from cnc.session.run_pulses import Progress as Sent
 
@@ -137,7 +136,7 @@ class _ProgressBar:
 
     def __init__(self) -> None:
         self._began = monotonic()
-        self._progress: Progress | None = None
+        self._drawing: Bar | None = None
         self._drawn = 0.0
         self.note = ""
 
@@ -148,35 +147,11 @@ class _ProgressBar:
             return
         self._drawn = now
         counted = f"{done} {unit}" if unit == "lines" else f"{done} of {total} {unit}"
-        if self._progress is None:
-            from rich.console import Console
-            from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+        if self._drawing is None:
+            from cnc.cli.drawing import Bar  # most commands are over before the delay
 
-            columns = (
-                TextColumn("{task.description}"),
-                BarColumn(),
-                TextColumn("{task.fields[counted]}"),
-                TimeElapsedColumn(),
-                TextColumn("{task.fields[note]}"),
-            )
-            # Other output appears above the bar, unless it goes to a file.
-            bar = Progress(
-                *columns,
-                console=Console(stderr=True),
-                transient=True,
-                redirect_stdout=sys.stdout.isatty(),
-            )
-            bar.start()
-            self._progress = bar
-            self._task = bar.add_task(stage, total=total, note=self.note, counted=counted)
-        self._progress.update(
-            self._task,
-            description=stage,
-            completed=done,
-            total=total,
-            note=self.note,
-            counted=counted,
-        )
+            self._drawing = Bar()
+        self._drawing.update(stage, done, total, counted, self.note)
 
     def compiling(self, done: int, total: int, kernel: str) -> None:
         """Show how many kernels are compiled, and which one is next."""
@@ -187,6 +162,6 @@ class _ProgressBar:
 
     def close(self) -> None:
         """Remove the bar."""
-        if self._progress is not None:
-            self._progress.stop()
-            self._progress = None
+        if self._drawing is not None:
+            self._drawing.remove()
+            self._drawing = None

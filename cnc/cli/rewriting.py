@@ -1,4 +1,7 @@
-"""The work of ``format``, ``convert`` and ``check --fix``, imported when it is carried out."""
+"""The work of ``format``, ``convert``, ``diff``, ``tools`` and ``check --fix``.
+
+It is imported when it is carried out.
+"""
 
 from __future__ import annotations
 
@@ -10,15 +13,20 @@ from io import BytesIO
 from pathlib import Path
 from typing import IO, TextIO
 
-from cnc.cli.checking import find_programs
+from cnc.checks.tool_list import ToolList
+from cnc.cli.checking import end, find_programs
 from cnc.cli.options import CheckOptions, CommonOptions, ConvertOptions, FixOptions
+from cnc.cli.progress import ProgressDisplay
 from cnc.cli.projects import options_of
+from cnc.compare.programs import compare
 from cnc.convert.programs import convert
+from cnc.gcode.reader.source_text import Text
 from cnc.model.choices import DialectName, TextStyle
 from cnc.model.diagnostics import EXIT_REJECTED, Diagnostic, UsageError, printable, shown_name
+from cnc.model.operator_control import Control
 from cnc.report.summary import write_object
-from cnc.report.targets import BytesTarget
-from cnc.session.program_reader import readable_file
+from cnc.report.targets import BytesTarget, TextTarget
+from cnc.session.program_reader import display_name, readable_file
 from cnc.session.repairs import Applied, repaired
 from cnc.session.rewriting import in_form
 
@@ -180,5 +188,64 @@ def _write(name: str, text: IO[bytes]) -> None:
         target.close()
         if mode is not None:
             path.chmod(mode)
+    finally:
+        target.discard()
+
+
+def compare_programs(
+    names: tuple[str, str],
+    machine: str | None,
+    dialect: DialectName | None,
+    json: str | None,
+    *,
+    quiet: bool,
+) -> int:
+    """Compare two programs; write and print the result; return the exit code.
+
+    Raises:
+        UsageError: ``usage`` where their project files name different machines.
+    """
+    common = CommonOptions(machine=machine, dialect=dialect)
+    first, second = (options_of(name, common) for name in names)
+    if first.machine.file != second.machine.file:
+        message = f"the programs belong to two machines: {first.machine.file} and "
+        message += str(second.machine.file)
+        hint = "name the machine to compare them on with --machine"
+        raise UsageError(Diagnostic("usage", message, hint=hint))
+    with ProgressDisplay(Control(), quiet=quiet) as display:
+        comparison = compare(
+            *names,
+            (first.machine, second.machine),
+            (first.common.run_options(), second.common.run_options()),
+            display.callbacks(),
+        )
+    if all(report.ok and report.stopped_at_line is None for report in comparison.reports):
+        if json is not None:
+            write_object(json, comparison.as_json())
+        if not quiet:
+            print(*comparison.lines(), sep="\n", file=sys.stderr if json == "-" else sys.stdout)
+    return end(comparison.reports, quiet=quiet)
+
+
+def write_tool_table(program: str, file: str | None) -> None:
+    """Write the skeleton of a program's tool table to a file; None prints it.
+
+    Raises:
+        UsageError: ``no-tools``, or the program cannot be read, or the file not written.
+    """
+    with readable_file(program) as path:
+        name = display_name(program)
+        tools = ToolList.of(Text.of_file(path, name).all_lines())
+    if not tools.tools:
+        message, hint = "the program has no T word", "a program without tools needs no table"
+        raise UsageError(Diagnostic("no-tools", message, name, hint=hint))
+    text = "".join(line + "\n" for line in tools.skeleton(name))
+    if file is None:
+        print(text, end="")
+        return
+    target = TextTarget(file)
+    try:
+        target.write(text)
+        target.close()
     finally:
         target.discard()

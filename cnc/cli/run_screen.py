@@ -13,9 +13,9 @@ from cnc.model.diagnostics import printable
 from cnc.model.operator_control import Control
 
 if TYPE_CHECKING:
-    from rich.console import Console, RenderableType
-    from rich.live import Live
+    from rich.console import Console
 
+    from cnc.cli.drawing import LiveTable
     from cnc.session.run_pulses import Progress
 
 DELAY = 1.0
@@ -106,14 +106,14 @@ class RunScreen:
 
     def __init__(self, control: Control, console: Console | None = None, keys: str = HELP) -> None:
         self._control, self._console, self._keys = control, console, keys
-        self._live: Live | None = None
+        self._table: LiveTable | None = None
         self._began = monotonic()
         self._drawn = 0.0
 
     @property
     def shown(self) -> bool:
         """Whether the screen has appeared."""
-        return self._live is not None
+        return self._table is not None
 
     def update(self, sent: Progress, total: int | None) -> None:
         """Draw the progress, unless it was drawn just now.
@@ -123,38 +123,22 @@ class RunScreen:
             total: The last line of the program; None if it is not known.
         """
         now = monotonic()
-        if now - self._began < DELAY or (self._live and now - self._drawn < INTERVAL):
+        if now - self._began < DELAY or (self._table and now - self._drawn < INTERVAL):
             return
         self._drawn = now
-        if self._live is None:
-            from rich.console import Console
-            from rich.live import Live
+        if self._table is None:
+            from cnc.cli.drawing import LiveTable  # a short run needs none
 
-            # Other output appears above the screen.
-            self._live = Live(
-                console=self._console or Console(stderr=True), auto_refresh=False, transient=True
-            )
-            self._live.start()
+            self._table = LiveTable(self._console)
         # A terminal that is gone is reported by a signal.
         with suppress(OSError):
-            self._live.update(self._table(sent, total), refresh=True)
+            self._table.update(rows(sent, self._control, total, self._keys))
 
     def close(self) -> None:
         """Remove the screen."""
-        if self._live is not None:
+        if self._table is not None:
             with suppress(OSError):
-                self._live.stop()
-
-    def _table(self, sent: Progress, total: int | None) -> RenderableType:
-        from rich.table import Table
-        from rich.text import Text
-
-        table = Table.grid(padding=(0, 2))
-        table.add_column(style="bold", no_wrap=True)
-        table.add_column(overflow="fold")
-        for label, text in rows(sent, self._control, total, self._keys):
-            table.add_row(label, Text(text))
-        return table
+                self._table.remove()
 
 
 class PlainLines:

@@ -14,7 +14,7 @@ from llvmlite import binding
 from numba.core.codegen import JITCodeLibrary
 from numba.core.runtime import rtsys
 
-from cnc.compiled.jit import kernels
+from cnc.compiled.kernel import kernels
 from cnc.compiled.values import leave_out_unused
 
 INLINED = 100

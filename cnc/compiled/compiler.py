@@ -33,7 +33,7 @@ from __future__ import annotations
 
 import hashlib
 import pickle
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from copy import copy
 from typing import Any
@@ -57,7 +57,7 @@ from cnc.compiled.borrowing import ArrayRewrites, count_where_needed
 from cnc.compiled.code_library import Callee, InnerLibrary, KernelLibrary, Types
 from cnc.compiled.compiler_work import repeated_work_left_out
 from cnc.compiled.frames import with_room
-from cnc.compiled.jit import Kernel, kernels
+from cnc.compiled.kernel import Kernel, kernels, watchers
 from cnc.compiled.kernel_arguments import passed_briefly
 from cnc.compiled.lean_code import KernelLowering, detours_left_out
 
@@ -72,9 +72,6 @@ LEFT_OUT = InlineClosureLikes, InlineOverloads
 """Passes of numba that kernels do not need: they have no functions or comprehensions inside."""
 REPLACED = {NopythonRewrites: ArrayRewrites, NativeLowering: KernelLowering}
 """Passes of numba, and those that take their place."""
-
-watchers: list[Callable[[Kernel], None]] = []
-"""Functions that are called before a kernel is compiled."""
 
 
 class KernelCompiler(CompilerBase):  # type: ignore[misc]

@@ -227,3 +227,15 @@ class BoardError(CncError):
     """The board or its connection failed, or the board raised an alarm."""
 
     exit_code = EXIT_BOARD
+
+
+def write_error(path: object, error: OSError) -> UsageError:
+    """Return the fault ``can-not-write`` of an output file."""
+    return UsageError(
+        Diagnostic(
+            "can-not-write",
+            f"{'standard output' if path == '-' else path} cannot be written: "
+            f"{error.strerror or error}",
+            hint="choose a file in a folder that you may write to",
+        )
+    )

@@ -2,9 +2,6 @@
 
 MM_PER_INCH = 25.4
 S_PER_MIN = 60.0
-NS_PER_S = 1_000_000_000
-STANDARD_GRAVITY = 9806.65
-"""mm/s^2 (ISO 80000-3: 9.80665 m/s^2)."""
 
 
 def per_second(per_minute: float) -> float:

@@ -30,7 +30,6 @@ from cnc.session.kernel_needs import moving_jobs
 from cnc.session.position_check import (
     CHANGED,
     PositionCheck,
-    home_by_board,
     named_offsets,
     recall_shift,
     record_shift,
@@ -139,7 +138,7 @@ class LineMachine:
     def home(self, axes: Sequence[str], control: Control) -> None:
         """Let the board home all axes."""
         self._homed = False
-        home_by_board(self.board, self.machine, axes, control)
+        homing.home_and_record(self.board, self.machine, axes, control)
         self._homed = True
         self._operation.refresh()
 

@@ -9,7 +9,8 @@ page has the tables alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
@@ -77,7 +78,8 @@ def prepared(folder: Path) -> Path:
 def drawing_missing() -> Diagnostic | None:
     """Return a warning if the figures cannot be drawn."""
     try:
-        import matplotlib.figure  # noqa: F401
+        with _canvas((1.0, 1.0)):
+            pass
     except ImportError:
         message = "the figures need matplotlib, which is not installed; the tables are complete"
         hint = "pip install 'cncrun[view]', or pip install matplotlib"
@@ -141,13 +143,20 @@ def _cell(cell: Cell) -> str:
 
 
 def _save(figure: Figure, file: Path) -> None:
-    from matplotlib import rc_context
-    from matplotlib.figure import Figure as Canvas
-
-    with rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "lines.linewidth": 1.0}):
-        canvas = Canvas(figsize=figure.size, dpi=DOTS_PER_INCH, layout="constrained")
+    with _canvas(figure.size) as canvas:
         figure.draw(canvas)
         canvas.savefig(file)
+
+
+@contextmanager
+def _canvas(size: tuple[float, float]) -> Iterator[Canvas]:
+    """Give an empty figure of a size in inches; ImportError without matplotlib."""
+    import matplotlib.figure  # the tables do not need it
+
+    with matplotlib.rc_context(
+        {"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "lines.linewidth": 1.0}
+    ):
+        yield matplotlib.figure.Figure(figsize=size, dpi=DOTS_PER_INCH, layout="constrained")
 
 
 def _can_not_write(place: Path | str, error: OSError) -> UsageError:

@@ -138,7 +138,6 @@ def exact_path(
     *,
     axes: tuple[str, ...],
     start: Floats,
-    accuracy: float = 1e-12,
 ) -> Iterator[PathChunk | Block]:
     """Yield the path of ``blocks`` without blends, see :func:`build`.
 
@@ -146,9 +145,8 @@ def exact_path(
         blocks: The program.
         axes: Letters of the machine's axes.
         start: Start position (axes,), mm.
-        accuracy: Accuracy of the path, mm.
     """
-    return build(_without_blends(blocks), axes=axes, start=start, accuracy=accuracy)
+    return build(_without_blends(blocks), axes=axes, start=start)
 
 
 def _without_blends(blocks: Iterable[Block]) -> Iterator[Block]:

@@ -20,11 +20,14 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 from typing import NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cnc.machine.height_map import HeightMap, load_height_map
+from cnc.machine.models import Machine
 from cnc.model.blocks import (
     ROTARY_LETTERS,
     ArcFeed,
@@ -38,7 +41,7 @@ from cnc.model.blocks import (
     SpindleSync,
     TipControl,
 )
-from cnc.model.diagnostics import Diagnostic, GcodeError
+from cnc.model.diagnostics import Diagnostic, GcodeError, UsageError, printable
 from cnc.model.motion_commands import command_array, places_of
 from cnc.path.block_pieces import Frame
 from cnc.path.fit_curves import SAGITTA, arc_chords, nurbs_chords
@@ -63,6 +66,22 @@ class Bends(NamedTuple):
     yy: Floats
 
 
+def map_for(machine: Machine, file: str) -> HeightMap:
+    """Return the height map of a file for a machine.
+
+    Raises:
+        UsageError: ``height-map-file``, ``height-map-machine``, ``height-map-gap``.
+    """
+    measured = load_height_map(Path(file))
+    if machine.kind == "lathe" or not {"x", "y", "z"} <= set(machine.axes):
+        message = f"a height map needs X, Y and Z of a mill; {machine.name} has others"
+        hint = "leave --height-map out, or name another machine"
+        raise UsageError(Diagnostic("height-map-machine", message, hint=hint))
+    if measured.gaps:
+        raise UsageError(measured.gap_finding(printable(file)))
+    return measured
+
+
 class Surface:
     """Heights over a rectangle.
 
@@ -83,6 +102,13 @@ class Surface:
         self._cells = _cells(self.x, self.y, values, smooth=smooth)
         self.bends = _bends(self.x, self.y, self._cells)
         self.highest = float(self._cells.max())
+
+    @classmethod
+    def of(cls, measured: HeightMap) -> Surface:
+        """Return the surface of a height map without gaps."""
+        heights = np.array(measured.heights, np.float64)
+        smooth = measured.interpolation == "bicubic"
+        return cls(np.array(measured.x), np.array(measured.y), heights, smooth=smooth)
 
     def inside(self, x: Floats, y: Floats) -> NDArray[np.bool_]:
         """Return whether points lie on the grid; rounding of 1e-6 mm is allowed."""

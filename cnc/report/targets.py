@@ -8,12 +8,13 @@ import shutil
 import sys
 import tempfile
 from abc import ABC, abstractmethod
+from importlib.util import find_spec
 from pathlib import Path
 from typing import IO, Any, AnyStr, Generic, Protocol, TypeVar
 
 from numpy.typing import ArrayLike, NDArray
 
-from cnc.model.diagnostics import Diagnostic, UsageError
+from cnc.model.diagnostics import Diagnostic, UsageError, write_error
 from cnc.model.npz import NpzWriter
 
 STANDARD_OUTPUT = "-"
@@ -22,6 +23,7 @@ TRACE_SUFFIXES = (".npz", ".csv")
 PULSE_SUFFIXES = (".npz", ".vcd")
 LINE_SUFFIXES = (".nc", ".gcode")
 STL_SUFFIXES = (".stl",)
+PICTURE_SUFFIXES = (".html", ".png", ".svg", ".json")
 
 
 class Output(Protocol):
@@ -68,16 +70,24 @@ def check_suffixes(trace: str | None, pulses: str | None, lines: str | None) -> 
             suffix_of(option, name, known)
 
 
-def write_error(path: object, error: OSError) -> UsageError:
-    """Return the fault ``can-not-write`` of an output file."""
-    return UsageError(
-        Diagnostic(
-            "can-not-write",
-            f"{'standard output' if path == '-' else path} cannot be written: "
-            f"{error.strerror or error}",
-            hint="choose a file in a folder that you may write to",
+def check_picture(name: str) -> None:
+    """Check that a picture can be drawn.
+
+    Raises:
+        UsageError: ``output-format`` for an unknown suffix; ``drawing-missing`` without matplotlib.
+    """
+    suffix = Path(name).suffix.lower()
+    if suffix not in PICTURE_SUFFIXES:
+        hint = "use out.html for an interactive page, out.png or out.svg for an image"
+        raise UsageError(
+            Diagnostic(
+                "output-format", f"a picture is a .html, .png or .svg file, not {name}", hint=hint
+            )
         )
-    )
+    if suffix in (".png", ".svg") and find_spec("matplotlib") is None:
+        message = f"{suffix} needs matplotlib, which is not installed"
+        hint = "pip install 'cncrun[view]', or use out.html, which does not need it"
+        raise UsageError(Diagnostic("drawing-missing", message, hint=hint))
 
 
 class FileTarget(ABC, Generic[AnyStr]):

@@ -19,7 +19,7 @@ from cnc.model.operator_control import Control
 from cnc.model.streams import PulseChunk
 from cnc.planner.plan import PlanChunk
 from cnc.report.result import Report
-from cnc.report.targets import STL_SUFFIXES, Output, check_suffixes, suffix_of
+from cnc.report.targets import STL_SUFFIXES, Output, check_picture, check_suffixes, suffix_of
 from cnc.session.checkpoint import CheckpointWriter
 from cnc.session.options import Outputs, RunOptions
 from cnc.session.program_reader import ProgramReader
@@ -41,8 +41,6 @@ def check_outputs(outputs: Outputs) -> None:
     if outputs.stl is not None:
         suffix_of("stl", outputs.stl, STL_SUFFIXES)
     if outputs.picture is not None:
-        from cnc.view.writer import check_picture  # most programs have no picture
-
         check_picture(outputs.picture)
 
 

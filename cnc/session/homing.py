@@ -42,6 +42,7 @@ from cnc.planner.window import SLICE
 from cnc.pulses.reference_pulse import ReferencePulse
 from cnc.session.context import SessionContext
 from cnc.session.pipeline import path_of
+from cnc.session.position_check import HOME, HOME_LINE, PositionCheck, recall_shift
 from cnc.session.run_pulses import Progress, execute
 
 # Homing cycles of the axes: their order, directions and places of rest.
@@ -341,8 +342,6 @@ LATCHES = 5.0
 """Distance, in pull-offs, within which the switch must close for the second time (GRBL:
 HOMING_AXIS_LOCATE_SCALAR).
 """
-HOME, HOME_LINE = "$H", 1
-"""GRBL's own homing cycle, and its line number."""
 FILE = "homing"
 """The file name of homing blocks, which belong to no program."""
 
@@ -679,6 +678,34 @@ def home_by_board(board: LineSink, axes: Sequence[str], control: Control) -> Non
     board.finish()
 
 
+def home_and_record(
+    board: LineSink, machine: Machine, axes: Sequence[str], control: Control
+) -> dict[str, float]:
+    """Let a GRBL board home the machine, and record the position for the next run.
+
+    Returns:
+        Position of each axis, mm.
+
+    Raises:
+        BoardError, UsageError, HomingStopped: As :func:`home_by_board`.
+    """
+    recall_shift(board, machine)
+    check = PositionCheck(board, machine, None, trusted=False)
+    check.lost_until(HOME_LINE)
+    check.begin()
+    ended = "broken off"
+    try:
+        home_by_board(board, axes, control)
+        board.restarted, ended = False, "end"
+    except BoardError as error:
+        ended = error.diagnostic.code
+        # No program has this line.
+        raise type(error)(replace(error.diagnostic, line=0)) from error
+    finally:
+        check.end(ended, None)
+    return dict(zip(machine.axes, board.position, strict=False))
+
+
 # Homing of the machine before a program (``--home``).
 
 log = logging.getLogger(__name__)
@@ -700,3 +727,74 @@ def home_pulse_board(context: SessionContext, board: PulseSink) -> None:
         on_progress=context.observer.sent,
         on_result=lambda result: log.info("%s", result.description),
     )
+
+
+def home_line_board(context: SessionContext, board: LineSink) -> None:
+    """Let a GRBL board home the machine; the program begins where it stands then.
+
+    Raises:
+        BoardError, HomingStopped: As :func:`home_and_record`.
+    """
+    reader = context.reader
+    log.info("homing")
+    home_and_record(board, reader.machine, (), context.observer.control)
+    reader.start = np.array(board.position)
+    reader.begin_at(context.options.from_line)
+
+
+# Start position of a program on a board that plays pulses.
+
+
+def locate(context: SessionContext, board: PulseSink) -> None:
+    """Set the start position: where the board knows it is, or where homing will leave it.
+
+    A board that does not remember its position begins where the machine file says.
+
+    Raises:
+        BoardError: ``not-homed`` if the board has lost a position that homing can find, or
+            ``singular-pose`` where the machine stands.
+    """
+    reader, machine = context.reader, context.reader.machine
+    counted, joints = board.known_steps, Joints(machine)
+    if counted is None:
+        return
+    homed_machine = joints.machine if joints.home_alone else machine
+    sequence = (
+        homing_sequence(homed_machine, (), len(board.switches))
+        if context.options.home and board.capabilities.limit_switches
+        else ()
+    )
+    steps = homed_steps(machine, sequence, counted, reader.start)
+    place = steps / joints.machine.steps_per_mm
+    reader.start = joints.tip(place)
+    if not joints.determined(place):
+        names = zip(joints.machine.axes, place.tolist(), strict=True)
+        where = " ".join(f"{name} = {value:g}" for name, value in names)
+        message = f"the machine stands in a pose that its tip does not determine ({where})"
+        hint = "move it away from the pole by hand with the drivers off, then home it"
+        raise BoardError(Diagnostic("singular-pose", message, hint=hint))
+    homed = {axis.letter for axis in sequence}
+    lost = [
+        name
+        for name, place in zip(joints.machine.axes, counted, strict=True)
+        if place is None and name not in homed
+    ]
+    if not lost or sequence:
+        return
+    message = f"the board has lost the position of {' '.join(lost).upper()}"
+    if machine.can_home:
+        cause = "it was reset, or a limit switch or the emergency stop has stopped it"
+        hint = "home the machine: --home does so before the program, cncrun home alone"
+        raise BoardError(Diagnostic("not-homed", f"{message}: {cause}", hint=hint))
+    context.observer.warn(_assumed(message, machine, reader.start))
+
+
+def _assumed(message: str, machine: Machine, start: NDArray[np.float64]) -> Diagnostic:
+    """Return the warning that a position is assumed."""
+    each: Sequence[float] = start.tolist()
+    places = " ".join(
+        f"{letter.upper()}{place:g}" for letter, place in zip(machine.axes, each, strict=True)
+    )
+    message = f"{message}; the program begins as if the machine stood at {places}"
+    hint = "on a machine with limit switches, home it: --home, or cncrun home"
+    return Diagnostic("position-assumed", message, hint=hint, severity="warning")

@@ -22,7 +22,8 @@ from importlib import import_module
 from pathlib import Path
 
 from cnc.compiled import code_cache
-from cnc.compiled.jit import Kernel, as_python, compiling, kernels
+from cnc.compiled.jit import as_python, compiling
+from cnc.compiled.kernel import Kernel, kernels, watchers
 from cnc.session.kernel_jobs import JOBS
 
 OnKernel = Callable[[int, int, str], None]
@@ -208,9 +209,7 @@ def work() -> None:
     # numba imports SciPy where there is one, for products of matrices. Kernels have none, since
     # they are compiled without SciPy, too.
     sys.modules.setdefault("scipy", None)  # type: ignore[arg-type]
-    from cnc.compiled import compiler
-
-    compiler.watchers.append(lambda kernel: _tell(kernel.label))
+    watchers.append(lambda kernel: _tell(kernel.label))
     requests: queue.SimpleQueue[str] = queue.SimpleQueue()
     threading.Thread(target=_listen, args=(requests,), daemon=True).start()
     while True:

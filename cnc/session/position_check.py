@@ -16,12 +16,10 @@ from pathlib import Path
 from typing import cast
 from urllib.parse import quote
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import ConfigDict, FiniteFloat, RootModel, TypeAdapter
 from pydantic.dataclasses import dataclass
 
-from cnc.boards.protocols import LineSink, PulseSink
+from cnc.boards.protocols import LineSink
 from cnc.grbl_lines.number_format import BOARD_LETTERS
 from cnc.machine.models import Machine
 from cnc.model import parameter_numbers as numbers
@@ -36,12 +34,9 @@ from cnc.model.blocks import (
     Probe,
 )
 from cnc.model.diagnostics import BoardError, Diagnostic
-from cnc.model.operator_control import Control
 from cnc.model.state_file import folder, read_state
 from cnc.model.streams import GcodeLine
-from cnc.planner.joints import Joints
 from cnc.session.checkpoint import Checkpoint, replace_json
-from cnc.session.context import SessionContext
 
 log = logging.getLogger(__name__)
 
@@ -107,6 +102,8 @@ def _position_file(board: str) -> Path:
     return folder() / f"{quote(board, safe='')}.json"
 
 
+HOME, HOME_LINE = "$H", 1
+"""GRBL's own homing cycle, and its line number."""
 ROUNDING = 0.002
 """Rounding of a reported position, mm: three decimals, in inches in the worst case."""
 HOMING_CYCLE = 22
@@ -321,53 +318,8 @@ def record_shift(board: LineSink, machine: Machine) -> None:
     LastPosition(board.identity, here, ended, lost, shift_of(board, axes)).write()
 
 
-def home_by_board(
-    board: LineSink, machine: Machine, axes: Sequence[str], control: Control
-) -> dict[str, float]:
-    """Let a GRBL board home the machine, and record the position for the next run.
-
-    Returns:
-        Position of each axis, mm.
-
-    Raises:
-        BoardError, UsageError, HomingStopped: As :func:`cnc.session.homing.home_by_board`.
-    """
-    from cnc.session import homing  # a check does not need it
-
-    recall_shift(board, machine)
-    check = PositionCheck(board, machine, None, trusted=False)
-    check.lost_until(homing.HOME_LINE)
-    check.begin()
-    ended = "broken off"
-    try:
-        homing.home_by_board(board, axes, control)
-        board.restarted, ended = False, "end"
-    except BoardError as error:
-        ended = error.diagnostic.code
-        # No program has this line.
-        raise type(error)(replace(error.diagnostic, line=0)) from error
-    finally:
-        check.end(ended, None)
-    return dict(zip(machine.axes, board.position, strict=False))
-
-
-def home_line_board(context: SessionContext, board: LineSink) -> None:
-    """Let a GRBL board home the machine; the program begins where it stands then.
-
-    Raises:
-        BoardError, HomingStopped: As :func:`home_by_board`.
-    """
-    reader = context.reader
-    log.info("homing")
-    home_by_board(board, reader.machine, (), context.observer.control)
-    reader.start = np.array(board.position)
-    reader.begin_at(context.options.from_line)
-
-
 def homing_line(blocks: Iterable[Block]) -> int:
     """Return the line that homes all axes before the first move of a program, 0 for none."""
-    from cnc.session.homing import HOME  # a check does not need it
-
     for block in blocks:
         if isinstance(block, BoardCommand) and block.text.replace(" ", "").upper() == HOME:
             return block.line
@@ -378,66 +330,6 @@ def homing_line(blocks: Iterable[Block]) -> int:
 
 def _words(position: Mapping[str, float]) -> str:
     return " ".join(f"{letter.upper()}{value:.3f}" for letter, value in position.items())
-
-
-# Start position of a program on a board that plays pulses.
-
-
-def locate(context: SessionContext, board: PulseSink) -> None:
-    """Set the start position: where the board knows it is, or where homing will leave it.
-
-    A board that does not remember its position begins where the machine file says.
-
-    Raises:
-        BoardError: ``not-homed`` if the board has lost a position that homing can find, or
-            ``singular-pose`` where the machine stands.
-    """
-    from cnc.session.homing import homed_steps, homing_sequence  # a check does not need it
-
-    reader, machine = context.reader, context.reader.machine
-    counted, joints = board.known_steps, Joints(machine)
-    if counted is None:
-        return
-    homed_machine = joints.machine if joints.home_alone else machine
-    sequence = (
-        homing_sequence(homed_machine, (), len(board.switches))
-        if context.options.home and board.capabilities.limit_switches
-        else ()
-    )
-    steps = homed_steps(machine, sequence, counted, reader.start)
-    place = steps / joints.machine.steps_per_mm
-    reader.start = joints.tip(place)
-    if not joints.determined(place):
-        names = zip(joints.machine.axes, place.tolist(), strict=True)
-        where = " ".join(f"{name} = {value:g}" for name, value in names)
-        message = f"the machine stands in a pose that its tip does not determine ({where})"
-        hint = "move it away from the pole by hand with the drivers off, then home it"
-        raise BoardError(Diagnostic("singular-pose", message, hint=hint))
-    homed = {axis.letter for axis in sequence}
-    lost = [
-        name
-        for name, place in zip(joints.machine.axes, counted, strict=True)
-        if place is None and name not in homed
-    ]
-    if not lost or sequence:
-        return
-    message = f"the board has lost the position of {' '.join(lost).upper()}"
-    if machine.can_home:
-        cause = "it was reset, or a limit switch or the emergency stop has stopped it"
-        hint = "home the machine: --home does so before the program, cncrun home alone"
-        raise BoardError(Diagnostic("not-homed", f"{message}: {cause}", hint=hint))
-    context.observer.warn(_assumed(message, machine, reader.start))
-
-
-def _assumed(message: str, machine: Machine, start: NDArray[np.float64]) -> Diagnostic:
-    """Return the warning that a position is assumed."""
-    each: Sequence[float] = start.tolist()
-    places = " ".join(
-        f"{letter.upper()}{place:g}" for letter, place in zip(machine.axes, each, strict=True)
-    )
-    message = f"{message}; the program begins as if the machine stood at {places}"
-    hint = "on a machine with limit switches, home it: --home, or cncrun home"
-    return Diagnostic("position-assumed", message, hint=hint, severity="warning")
 
 
 # Offsets (G54 to G59, G28, G30) of a GRBL board, kept on disk for checks without the board.

@@ -11,6 +11,7 @@ import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from io import BytesIO
 from pathlib import Path
 from typing import IO, TYPE_CHECKING
@@ -621,22 +622,11 @@ class ProgramWarp:
     """
 
     def __init__(self, file: str, machine: Machine) -> None:
-        from cnc.machine.height_map import load_height_map  # most programs have no map
-        from cnc.path.warp import Surface
+        from cnc.path import warp  # most programs have no map
 
-        self._file, self._map = file, load_height_map(Path(file))
-        if machine.kind == "lathe" or not {"x", "y", "z"} <= set(machine.axes):
-            message = f"a height map needs X, Y and Z of a mill; {machine.name} has others"
-            hint = "leave --height-map out, or name another machine"
-            raise UsageError(Diagnostic("height-map-machine", message, hint=hint))
-        if self._map.gaps:
-            raise UsageError(self._map.gap_finding(printable(file)))
-        self._surface = Surface(
-            np.array(self._map.x),
-            np.array(self._map.y),
-            np.array(self._map.heights, np.float64),
-            smooth=self._map.interpolation == "bicubic",
-        )
+        self._file, self._map = file, warp.map_for(machine, file)
+        surface = warp.Surface.of(self._map)
+        self._begin = partial(warp.Warp, surface, tolerance=self._map.tolerance)
         self._warp: Warp | None = None
 
     def blocks(
@@ -654,14 +644,10 @@ class ProgramWarp:
             start: Position of the machine before the program (axes,), mm.
             ceiling: Highest position of Z that keeps clear of its limit switch, mm; None without.
         """
-        from cnc.path.warp import Warp
-
         travel = machine.axes["z"].travel
         tops = [*([] if travel is None else [travel[1]]), *([] if ceiling is None else [ceiling])]
-        self._warp = Warp(
-            self._surface,
+        self._warp = self._begin(
             machine.axis_names,
-            self._map.tolerance,
             blend=machine.path.tolerance,
             top=min(tops, default=math.inf),
         )

@@ -6,6 +6,7 @@ import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
@@ -50,8 +51,6 @@ from cnc.session.options import RunOptions
 from cnc.session.pipeline import PathItems, PlannedMotion
 from cnc.session.position_check import (
     PositionCheck,
-    home_line_board,
-    locate,
     named_offsets,
     offsets_in,
     write_offsets,
@@ -323,6 +322,7 @@ class Session:
         )
         if options.height_map is not None:
             reader.warp = ProgramWarp(options.height_map, machine)
+        self._home: Callable[[], None] | None = None
         self._context = SessionContext(
             reader,
             self.report,
@@ -455,12 +455,10 @@ class Session:
         record = RunRecord(context, capabilities)
         record.read_checkpoint()
         lines = board if board is not None and board.takes == "lines" else None
-        if board is not None and board.takes == "pulses":
-            locate(context, board)
         if board is not None:
+            self._home = self._homing(board)
             self._warn(board.unlike(report.machine))
-        homes = lines is not None and context.options.home and not lines.check_only
-        if lines is not None and not homes:
+        if lines is not None and self._home is None:
             record.check_position(lines)
         reader.begin_at(context.options.from_line, context.after)
         check, kept = self._check_pass(capabilities, for_lines=lines is not None)
@@ -479,8 +477,8 @@ class Session:
             self._cut(reader.machine.stock)
         self._kernels.before_motion(board, reads_again=kept is None)
         self._confirm_restart()
-        if lines is not None and homes:
-            home_line_board(context, lines)
+        if lines is not None and self._home is not None:
+            self._home()
             record.check_position(lines)
         control = context.observer.control
         overrides = control.feed_override, float(control.rapid_override)
@@ -501,6 +499,26 @@ class Session:
             context.files.close()
             if board is not None and reader.state is not None:
                 reader.saved.save(*reader.state)
+
+    def _homing(self, board: Board) -> Callable[[], None] | None:
+        """Return how the board homes the machine before the program; None if it shall not.
+
+        A machine on a board that plays pulses begins where the board knows that it stands.
+
+        Raises:
+            BoardError: As :func:`cnc.session.homing.locate`.
+        """
+        from cnc.session import homing  # a check does not need it
+
+        context = self._context
+        if board.takes == "pulses":
+            homing.locate(context, board)
+            home = partial(homing.home_pulse_board, context, board)
+        elif not board.check_only:
+            home = partial(homing.home_line_board, context, board)
+        else:
+            return None
+        return home if context.options.home else None
 
     def _check_pass(
         self, capabilities: CapabilityCheck, *, for_lines: bool
@@ -599,10 +617,8 @@ class Session:
         Raises:
             BoardError, HomingStopped: As :func:`cnc.session.homing.home`.
         """
-        if self._context.options.home and board.takes == "pulses":
-            from cnc.session.homing import home_pulse_board  # a check does not need it
-
-            home_pulse_board(self._context, board)
+        if board.takes == "pulses" and self._home is not None:
+            self._home()
         record.begin(board)
         self.moved = True
         log.info("motion begins")

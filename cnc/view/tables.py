@@ -52,10 +52,10 @@ class StrokeTable:
     With more than ``most`` points it thins all of them again with twice the tolerance.
     """
 
-    def __init__(self, most: int, finest: float = FINEST) -> None:
+    def __init__(self, most: int) -> None:
         self.most = max(most, 32)
-        self.tolerance = finest
-        self.error = 2.0 * finest
+        self.tolerance = FINEST
+        self.error = 2.0 * FINEST
         self._points = new_points(self.most + 2)
         self._count = 0
         self._fan = new_fan()

@@ -8,41 +8,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.model.diagnostics import Diagnostic, UsageError
 from cnc.report.result import Report
 from cnc.report.targets import BytesTarget, TextTarget, Writer
 from cnc.view import page
 from cnc.view.collect import Collector
-
-SUFFIXES = (".html", ".png", ".svg", ".json")
-
-
-def check_picture(name: str) -> None:
-    """Check that a picture can be drawn.
-
-    Raises:
-        UsageError: ``output-format`` for an unknown suffix; ``drawing-missing`` without matplotlib.
-    """
-    suffix = Path(name).suffix.lower()
-    if suffix not in SUFFIXES:
-        hint = "use out.html for an interactive page, out.png or out.svg for an image"
-        raise UsageError(
-            Diagnostic(
-                "output-format", f"a picture is a .html, .png or .svg file, not {name}", hint=hint
-            )
-        )
-    if suffix in (".png", ".svg"):
-        try:
-            import matplotlib.figure  # noqa: F401
-        except ImportError:
-            hint = "pip install 'cncrun[view]', or use out.html, which does not need it"
-            raise UsageError(
-                Diagnostic(
-                    "drawing-missing",
-                    f"{suffix} needs matplotlib, which is not installed",
-                    hint=hint,
-                )
-            ) from None
 
 
 class PageWriter(Writer[TextTarget]):

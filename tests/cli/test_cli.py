@@ -11,9 +11,9 @@ import pytest
 
 from cnc import api
 from cnc.boards.loopback import Loopback
-from cnc.cli import NEW_OBJECTS, load_library
 from cnc.cli.commands import TASKS, app
 from cnc.cli.messages import EXIT_PIPE
+from cnc.cli.work import NEW_OBJECTS, load_library
 from cnc.machine.load import load_machine, shipped_machines
 from tests.support.cli.messages import last_message
 from tests.support.paths import ROOT
@@ -355,7 +355,7 @@ def test_the_collector_rests_during_imports_and_at_the_end(program):
     code = """
 import atexit, gc, sys
 import cnc.cli, cnc.cli.commands
-from cnc.cli import load_library
+from cnc.cli.work import load_library
 
 during_import = []
 gc.callbacks.append(lambda *_: during_import.append(1))

@@ -239,7 +239,9 @@ def test_limits_are_rehearsed_on_a_simulated_board_and_not_written(cncrun, mill)
 
 
 def test_ctrl_c_brings_the_axis_to_rest_while_its_limits_are_raised(cncrun, mill, monkeypatch):
-    monkeypatch.setattr("cnc.cli.measuring._strokes", lambda _: signal.raise_signal(signal.SIGINT))
+    monkeypatch.setattr(
+        "cnc.operate.measuring.strokes", lambda _: signal.raise_signal(signal.SIGINT)
+    )
     code, out, err = cncrun("measure", "limits", "X", "--machine", str(mill))
     assert (code, out) == (130, "")
     ending = "stopped by the operator; the position of the axis that was homing is not known\n"

@@ -64,9 +64,9 @@ from cnc.compiled import jit
 import example
 sys.stdout.write("ready\\n"); sys.stdout.flush()
 sys.stdin.readline()
-from cnc.compiled import compiler
+from cnc.compiled.kernel import watchers
 compiled = []
-compiler.watchers.append(lambda kernel: compiled.append(kernel.name))
+watchers.append(lambda kernel: compiled.append(kernel.name))
 value = example.top(1.5, 10)
 print(json.dumps([value, compiled]))
 """
@@ -328,12 +328,12 @@ CALL_WITH_RECORDS = """
 import json
 import numpy as np
 from numba import from_dtype
-from cnc.compiled import compiler
+from cnc.compiled.kernel import watchers
 for k in range({others}):
     from_dtype(np.dtype([(f"a{{k}}", "f8")]))
 import example
 compiled = []
-compiler.watchers.append(lambda kernel: compiled.append(kernel.name))
+watchers.append(lambda kernel: compiled.append(kernel.name))
 print(json.dumps([example.top(np.ones(2, dtype=example.ROW), 10), compiled]))
 """
 
@@ -429,7 +429,7 @@ def test_an_interpreted_kernel_calls_other_kernels_as_python() -> None:
     )
     for name in ("inner", "middle", "outer"):
         variables[name].__module__ = "example"
-        variables[name] = jit.Kernel(variables[name])
+        variables[name] = jit.njit(variables[name])
     assert jit.interpreted(variables["outer"])(1.0) == 6.5
     assert not [name for name in ("inner", "middle") if "dispatcher" in vars(variables[name])]
 
@@ -440,7 +440,7 @@ def kernel_of() -> Callable[[Mapping[str, Any]], Any]:
         variables = dict(names)
         exec("def f(x):\n    calls.append('called')\n    return x + 1.0\n", variables)
         variables["f"].__module__ = "example"
-        return jit.Kernel(variables["f"])
+        return jit.njit(variables["f"])
 
     return make
 
@@ -450,7 +450,7 @@ def test_modules_can_be_excepted_from_running_as_python(
 ) -> None:
     (tmp_path / "excepted.py").write_text("def f(x):\n    return x + 1.0\n")
     monkeypatch.syspath_prepend(tmp_path)
-    kernel = jit.Kernel(importlib.import_module("excepted").f)
+    kernel = jit.njit(importlib.import_module("excepted").f)
     with jit.as_python(except_in=frozenset({"excepted"})):
         assert kernel(1.0) == 2.0
     assert kernel.is_on_disk
@@ -469,7 +469,8 @@ print(json.dumps([value, []]))
 
 WITH_ALL_WORK = CALL.replace(
     "compiled = []",
-    "import contextlib; compiler.repeated_work_left_out = contextlib.nullcontext; compiled = []",
+    "import contextlib; from cnc.compiled import compiler;"
+    " compiler.repeated_work_left_out = contextlib.nullcontext; compiled = []",
 )
 
 

@@ -156,7 +156,7 @@ def test_a_function_inside_of_a_kernel_is_refused(function: Any) -> None:
     from numba.core.errors import NumbaError
 
     with pytest.raises(NumbaError):
-        jit.Kernel(function)(np.float64(2.0))
+        jit.njit(function)(np.float64(2.0))
 
 
 def _wrong(x: float) -> float:

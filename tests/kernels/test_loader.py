@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from cnc.compiled import jit
-from cnc.compiled.argument_types import kind, types_text
+from cnc.compiled.kernel import kind, types_text
 from tests.support.paths import ROOT
 from tests.support.waiting import HANG
 

@@ -16,7 +16,7 @@ import pytest
 from cnc.api import Callbacks, Outputs
 from cnc.boards.loopback import PacedLoopback
 from cnc.cli import progress
-from cnc.compiled import code_cache, jit
+from cnc.compiled import code_cache, jit, kernel
 from cnc.machine.load import load_machine
 from cnc.model.operator_control import Control
 from cnc.session import kernel_cache, kernel_examples, kernel_needs
@@ -101,14 +101,14 @@ def test_a_wrong_program_asks_for_nothing(tmp_path: Path, asked) -> None:
 def called(monkeypatch: pytest.MonkeyPatch) -> set[str]:
     """Return the set to which the module of each kernel is added that Python calls compiled."""
     modules: set[str] = set()
-    call = jit.Kernel.__call__
+    call = kernel.Kernel.__call__
 
-    def recorded(self: jit.Kernel, *arguments: Any) -> Any:
-        if jit._compiled.get() is None:
+    def recorded(self: kernel.Kernel, *arguments: Any) -> Any:
+        if kernel.compiled_modules.get() is None:
             modules.add(self.__module__)
         return call(self, *arguments)
 
-    monkeypatch.setattr(jit.Kernel, "__call__", recorded)
+    monkeypatch.setattr(kernel.Kernel, "__call__", recorded)
     return modules
 
 
@@ -150,7 +150,7 @@ assert not several, several
 def test_the_example_of_a_fit_calls_each_kernel_of_a_fit() -> None:
     """Another one would be compiled when a program needs it first."""
     code = """
-from cnc.compiled.jit import Kernel
+from cnc.compiled.kernel import Kernel
 from cnc.path import fit
 from cnc.session import kernel_examples
 

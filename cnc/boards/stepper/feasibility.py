@@ -52,7 +52,6 @@ class StepperFeasibility:
         self._encoder = SegmentEncoder(outputs.count, TOLERANCE_NS)
         self._outputs = outputs
         self._step_ns = 0
-        self._late_ns = 0
         self._piece_ns = round(PIECE_S * 1e9)
         self._filled = self._undecoded = 0.0
         self._filled_at = 0

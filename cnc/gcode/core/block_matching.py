@@ -214,9 +214,7 @@ class _Reader:
             block.name, Place(first, block.control.column, block.control.length), first, line
         )
         if opener == "s-for":
-            from cnc.gcode.sinumerik.flow import enter_count  # for its programs only
-
-            enter_count(listing, block.control, loop)
+            _enter_count(listing, block.control, loop)
             return
         # The last line of do .. while has the condition, and that of REPEAT .. UNTIL its opposite.
         first_value, last_value = next(iter(values), None), next(iter(control.values), None)
@@ -290,3 +288,51 @@ MAKERS: dict[str, Maker] = {
     "program": Border,
 }
 """Functions that make the step of a control line, by keyword."""
+
+
+# Counting loops of SINUMERIK.
+
+
+class _For:
+    """``FOR R1 = first TO last``: the parameter or variable counts up by 1."""
+
+    __slots__ = ("first", "last", "loop", "name")
+
+    def __init__(self, control: Control, loop: Loop) -> None:
+        assert isinstance(control.label, str)
+        self.name = control.label
+        self.first, self.last = control.values
+        self.loop = loop
+
+    def run(self, flow: Flow, line: int) -> int:
+        """Enter the loop or pass it."""
+        self.loop.since = flow.executed
+        flow.parameters.set_name(self.name, self.first(flow.parameters), 1)
+        return self.after(flow)
+
+    def after(self, flow: Flow) -> int:
+        """Return the line to continue at, by the value of the parameter."""
+        count = flow.parameters.name(self.name, 1)
+        return self.loop.first + 1 if count <= self.last(flow.parameters) else self.loop.last + 1
+
+
+class _EndFor:
+    """``ENDFOR``."""
+
+    __slots__ = ("begin",)
+
+    def __init__(self, begin: _For) -> None:
+        self.begin = begin
+
+    def run(self, flow: Flow, line: int) -> int:
+        """Count, and repeat the loop or leave it."""
+        begin = self.begin
+        flow.parameters.set_name(begin.name, flow.parameters.name(begin.name, 1) + 1.0, 1)
+        return begin.after(flow)
+
+
+def _enter_count(listing: Listing, control: Control, loop: Loop) -> None:
+    """Enter the first and the last line of a FOR."""
+    count = _For(control, loop)
+    listing.steps[loop.first], listing.steps[loop.last] = count, _EndFor(count)
+    listing.loops.append(loop)

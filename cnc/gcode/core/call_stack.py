@@ -150,7 +150,8 @@ class Listing(LineIndex):
         loops: Loops found so far.
         subs: Subroutines found so far, by label.
         last_executed: The highest line that was ever executed.
-        section_ends: Lines after the sections that SINUMERIK's REPEAT executes.
+        section_ends: Lines after the sections that SINUMERIK's REPEAT executes, with the function
+            that puts the repetition before the step of the line.
     """
 
     def __init__(
@@ -162,7 +163,7 @@ class Listing(LineIndex):
         self.loops: list[Loop] = []
         self.subs: dict[str, Subroutine] = {}
         self.last_executed = 0
-        self.section_ends: set[int] = set()
+        self.section_ends: dict[int, Callable[[Step], Step]] = {}
         self._pages: OrderedDict[int, Page] = OrderedDict()
 
     def page(self, line: int) -> Page | None:

@@ -290,10 +290,17 @@ def _makers(flavour: str) -> Mapping[str, Maker]:
         # Most programs are in another language.
         from cnc.gcode.sinumerik import cycles, flow
 
-        return cycles.MAKERS | flow.MAKERS
+        return cycles.MAKERS | flow.MAKERS | {"s-turn": _turning_cycle}
     if flavour == "klartext":
         return klartext.MAKERS
     return block_matching.MAKERS | subprograms.MAKERS
+
+
+def _turning_cycle(flow: Flow, line: int, control: Control) -> Step:
+    """Return the step of a turning cycle of SINUMERIK."""
+    from cnc.gcode.sinumerik.turning import TurningCycle  # most programs have none
+
+    return TurningCycle(flow, line, control)
 
 
 class StepMaker:
@@ -337,9 +344,8 @@ class StepMaker:
         listing, line = self._flow.listing, page.first + index
         step = self._make(page.window, line, index)
         if line in listing.section_ends:
-            from cnc.gcode.sinumerik.flow import SectionEnd  # for its programs only
-
-            step = SectionEnd(_Alone(step) if isinstance(step, Statement) else step)
+            end = listing.section_ends[line]
+            step = end(_Alone(step) if isinstance(step, Statement) else step)
         # Few lines of a long program are executed again. If their statements were kept, the garbage
         # collector would take much time.
         if line <= listing.last_executed or step.__class__ is not Statement:
@@ -448,17 +454,16 @@ class StepMaker:
                     packed=self._dialect.calls.repeats_in_number,
                     sequence=self._dialect.calls.by_sequence,
                 )
-        if self._dialect.calls.profiles and any(
+        lathe = self._dialect.turning.lathe
+        by_subroutine = self._dialect.calls.profiles and any(
             word.letter == "G" and word.number in _PROFILE_CODES for word in statement.words
-        ):
-            from cnc.gcode.turning.profiles import subroutine_cycle
+        )
+        if lathe or by_subroutine:
+            from cnc.gcode.turning.profiles import profile_cycle, subroutine_cycle
 
-            if profile := subroutine_cycle(line, statement):
+            if by_subroutine and (profile := subroutine_cycle(line, statement)):
                 return profile
-        if self._dialect.turning.lathe:
-            from cnc.gcode.turning.profiles import profile_cycle
-
-            if cycle := profile_cycle(line, statement, self._dialect):
+            if lathe and (cycle := profile_cycle(line, statement, self._dialect)):
                 return cycle
         if self._dialect.flavour == "siemens":
             from cnc.gcode.sinumerik.flow import step_of_code

@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +22,7 @@ from cnc.gcode.core.interpreter import Interpreter
 from cnc.gcode.core.line_steps import StepMaker, leader
 from cnc.gcode.core.line_trace import LineTrace
 from cnc.gcode.core.modal_groups import STRICT, ReadingPolicy
-from cnc.gcode.core.subprograms import Library
+from cnc.gcode.core.subprograms import Library, defined_variables
 from cnc.gcode.core.tool_table import ToolTable, ToolTip
 from cnc.gcode.macro_b.subprograms import report_uncalled
 from cnc.gcode.reader.parameters import Parameters
@@ -34,10 +33,6 @@ from cnc.gcode.reader.words import Word
 from cnc.model.blocks import Block, ToolOffset
 from cnc.model.choices import WrapRule
 from cnc.model.diagnostics import GcodeError
-
-if TYPE_CHECKING:
-    from cnc.gcode.sinumerik.variables import Variables
-
 
 # Programs that are certain never to end, because their whole state comes back.
 #
@@ -195,11 +190,8 @@ def interpret(
             tool_tip=options.tool_tip,
         ),
     )
-    syntax = rules.syntax(_defined_variables(text) if rules.flavour == "siemens" else ())
-    if rules.flavour == "siemens":
-        from cnc.gcode.sinumerik.variables import bind_arrays  # for its programs only
-
-        bind_arrays(parameters, syntax.variables)
+    siemens = rules.flavour == "siemens"
+    syntax = rules.syntax(defined_variables(text, parameters) if siemens else ())
     listing = Listing(text, syntax, block_delete=options.block_delete)
     if options.mark_tool_offsets:
         _mark_tool_offsets(interpreter)
@@ -225,13 +217,6 @@ def _behind_leader(flow: Flow, text: Text, syntax: Syntax) -> int:
         at = Word("", 0.0, "", 1, 1)
         flow.interpreter.here.report_warning("percent-leader", message, at, "remove it")
     return count + 1
-
-
-def _defined_variables(text: Text) -> Variables:
-    """Return the variables that a program of SINUMERIK defines."""
-    from cnc.gcode.sinumerik.variables import DEFINING, defined_variables  # for its programs only
-
-    return defined_variables(text.first_lines_with(DEFINING))
 
 
 def _mark_tool_offsets(interpreter: Interpreter) -> None:

@@ -15,7 +15,7 @@ from pathlib import Path
 from cnc.gcode.core.call_stack import ControlStep, Flow, Frame, Listing, Maker, Step, Subroutine
 from cnc.gcode.core.control_flow import ControlLine, shown
 from cnc.gcode.kernels.rules import JUMP
-from cnc.gcode.reader.parameters import LOCAL, Parameters
+from cnc.gcode.reader.parameters import LOCAL, Parameters, Variables
 from cnc.gcode.reader.parser import Syntax
 from cnc.gcode.reader.source_text import Place, Text
 from cnc.gcode.reader.statements import Control, Value
@@ -99,15 +99,26 @@ class Library:
         """Return the syntax of a file; variables of SINUMERIK that it defines are its own."""
         if self._syntax.flavour != "siemens":
             return self._syntax
-        from cnc.gcode.sinumerik.variables import (
-            DEFINING,
-            defined_variables,
-        )  # for its programs only
-
-        own = defined_variables(text.first_lines_with(DEFINING), in_subprogram=True)
+        own = defined_variables(text)
         names = {variable.name for variable in own}
         others = (variable for variable in self._syntax.variables if variable.name not in names)
         return replace(self._syntax, variables=(*own, *others))
+
+
+def defined_variables(text: Text, parameters: Parameters | None = None) -> Variables:
+    """Return the variables that a program of SINUMERIK defines.
+
+    Args:
+        text: The program.
+        parameters: Those of the program, to which its arrays are bound; None for a subprogram.
+    """
+    from cnc.gcode.sinumerik import variables  # for its programs only
+
+    lines = text.first_lines_with(variables.DEFINING)
+    found = variables.defined_variables(lines, in_subprogram=parameters is None)
+    if parameters is not None:
+        variables.bind_arrays(parameters, found)
+    return found
 
 
 def file_names(name: str) -> list[str]:

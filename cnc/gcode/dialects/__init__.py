@@ -40,7 +40,7 @@ from cnc.model.choices import DialectName, GcodeSystem
 from cnc.model.diagnostics import Diagnostic, GcodeError, UsageError
 
 if TYPE_CHECKING:
-    from cnc.gcode.sinumerik.variables import Variables
+    from cnc.gcode.reader.parameters import Variables
 
 NAMES: tuple[str, ...] = get_args(DialectName)
 

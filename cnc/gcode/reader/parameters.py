@@ -15,6 +15,7 @@ import tempfile
 from collections.abc import Callable, Container, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import NamedTuple
 
 from cnc.gcode.kernels import rules
 from cnc.gcode.reader.words import NEAR_WHOLE, fault
@@ -356,6 +357,82 @@ class Parameters:
             column=column,
             length=len(name) + 3,
             hint=hint,
+        )
+
+
+# Variables that a program of SINUMERIK defines; :mod:`cnc.gcode.sinumerik.variables` reads them.
+
+
+class Variable(NamedTuple):
+    """A variable.
+
+    Attributes:
+        name: Its name in capitals.
+        kind: REAL, INT or BOOL.
+        local: Whether it belongs to the call of a subprogram.
+        sizes: Numbers of elements of an array, by index; empty for a single value.
+        first: Number of the parameter of the first element of an array.
+    """
+
+    name: str
+    kind: str
+    local: bool = False
+    sizes: tuple[int, ...] = ()
+    first: int = 0
+
+    @property
+    def stored(self) -> str:
+        """Name here."""
+        return f"p{self.name.lower()}" if self.local else f"_v{self.name.lower()}"
+
+
+Variables = tuple[Variable, ...]
+
+
+class Names:
+    """The variables of a program by their names."""
+
+    def __init__(self, variables: Variables) -> None:
+        self._variables = {variable.name: variable for variable in variables}
+        self._ambiguous = {
+            variable.name
+            for variable in variables
+            if self._variables[variable.name] is not variable
+        }
+
+    def is_variable(self, name: str) -> bool:
+        """Whether a name is that of a variable. One that begins with _ needs no definition."""
+        return name.startswith("_") or name in self._variables
+
+    def is_ambiguous(self, name: str) -> bool:
+        """Whether more than one program of the text has a variable of that name."""
+        return name in self._ambiguous
+
+    def find(self, name: str) -> Variable | None:
+        """Return a variable; None if it is not defined, or more than once."""
+        return None if name in self._ambiguous else self._variables.get(name)
+
+    def stored(self, name: str) -> str:
+        """Return the name here of an R parameter or a variable, which is written in capitals."""
+        if re.fullmatch("R[0-9]+", name):
+            return f"_r{int(name[1:])}"
+        return self._variables.get(name, Variable(name, "REAL")).stored
+
+    def in_compiled_code(self, written: str) -> tuple[str, bool]:
+        """Return the name here of a name in a line, and whether compiled code may set it.
+
+        The name of none is one that no program can write.
+        """
+        name = written.upper()
+        if re.fullmatch("R[0-9]+", name):
+            return self.stored(name), True
+        variable = self.find(name)
+        if variable is None and not (name.startswith("_") and not self.is_ambiguous(name)):
+            return f"?{written}", False
+        if variable is None:
+            return self.stored(name), True
+        return (
+            (f"?{written}", False) if variable.sizes else (variable.stored, variable.kind == "REAL")
         )
 
 

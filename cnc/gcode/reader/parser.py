@@ -27,15 +27,17 @@ from cnc.gcode.reader.lines import (
     Language,
     read_line,
 )
+from cnc.gcode.reader.parameters import Names, Variables
 from cnc.gcode.reader.statements import MENDED, NOTED, Remark, Statement, Translator
 from cnc.gcode.reader.syntax_errors import MACRO_KEYWORDS, O_KEYWORDS, ErrorContext, describe
 from cnc.gcode.reader.words import fault
 from cnc.model.diagnostics import Diagnostic, Fix, GcodeError
 
 if TYPE_CHECKING:
-    from cnc.gcode.sinumerik.variables import Names, Variables
+    from cnc.gcode.sinumerik.statements import Lines
 
 
+_names_of = lru_cache(maxsize=8)(Names)
 MEMO = 4096
 """Parsed lines that are kept."""
 
@@ -105,13 +107,6 @@ class Syntax:
 AUTO = Syntax(siemens=True)
 
 
-@lru_cache(maxsize=8)
-def _names_of(variables: Variables) -> Names:
-    from cnc.gcode.sinumerik.variables import Names  # most programs are in another language
-
-    return Names(variables)
-
-
 @lru_cache(maxsize=MEMO)
 def parse_line(text: str, syntax: Syntax = AUTO) -> Statement:
     """Parse a line, which is given without its line end.
@@ -178,15 +173,24 @@ def _meaning_of_head(text: str, syntax: Syntax) -> str:
 
 def _siemens_line(text: str, syntax: Syntax) -> Statement:
     """Parse a line of SINUMERIK."""
-    from cnc.gcode.sinumerik.statements import Lines  # most programs are in another language
-    from cnc.gcode.sinumerik.variables import describe
-
     reading = read_line(text, SINUMERIK.grammar)
-    results = reading.results
+    results, lines = reading.results, siemens_lines(text, syntax)
     if results.status[0]:
-        wanted = reading.grammar.wanted[results.state[0]]
-        raise describe(text, int(results.place[0]), wanted)
-    return Lines(text, syntax.names).statement(reading, 0)
+        raise lines.refused(int(results.place[0]), reading.grammar.wanted[results.state[0]])
+    return lines.statement(reading, 0)
+
+
+def siemens_lines(text: str, syntax: Syntax, shift: int = 0) -> Lines:
+    """Return the maker of the statement of a line of SINUMERIK.
+
+    Args:
+        text: The line.
+        syntax: The syntax, with the variables of the program.
+        shift: Position of the line in the text of the events.
+    """
+    from cnc.gcode.sinumerik.statements import Lines  # most programs are in another language
+
+    return Lines(text, syntax.names, shift)
 
 
 def _parse_mended(text: str, syntax: Syntax) -> Statement:

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from cnc.gcode.kernels.statements import Coded, Names
 from cnc.gcode.reader.lines import KLARTEXT, MAX_LINE, NGC, Language, Positions, Sorted, read_lines
-from cnc.gcode.reader.parser import MEMO, Syntax, inner_slash, parse_line
+from cnc.gcode.reader.parser import MEMO, Syntax, inner_slash, parse_line, siemens_lines
 from cnc.gcode.reader.statements import Control, Statement, squeezed
 from cnc.gcode.reader.words import Word, fault
 from cnc.model.diagnostics import CncError, Diagnostic, Fix, GcodeError, UsageError
@@ -215,11 +215,7 @@ class Window:
             and text.isascii()
             and not reading.results.status[index]
         ):
-            # Most programs are in another language.
-            from cnc.gcode.sinumerik.statements import Lines
-
-            lines = Lines(text, syntax.names, int(self._begin[index]))
-            return lines.statement(reading, index)
+            return siemens_lines(text, syntax, int(self._begin[index])).statement(reading, index)
         return parse_line(text, syntax)
 
     def _plain(self, index: int, text: str) -> Statement:

@@ -466,13 +466,11 @@ class _Pattern:
     text = -1
 
     def __init__(self, terminal: int, fsm: Any) -> None:
-        from interegular.fsm import anything_else
-
         self.terminal, self._finals = terminal, fsm.finals
         self.begin = fsm.initial
         alphabet = fsm.alphabet
         chars = [chr(column) if column < OTHER else _FOREIGN for column in range(_ROW)]
-        keys = [alphabet[char if char in alphabet else anything_else] for char in chars]
+        keys = [alphabet[char] for char in chars]
         live = {state for state in fsm.states if fsm.islive(state)}
         self._after = {
             state: [after if (after := moves.get(key)) in live else None for key in keys]
@@ -496,14 +494,13 @@ def _fsm(pattern: str) -> Any:
 
 def _texts(fsm: Any) -> list[str]:
     """Return all texts of an automaton; none if there are many."""
-    from interegular.fsm import anything_else
-
     try:
         if fsm.cardinality() > _MOST_TEXTS:
             return []
     except OverflowError:
         return []
     texts = list(fsm.strings())
-    if any(anything_else in parts for parts in texts):
+    # The mark for all other characters is no text.
+    if not all(isinstance(part, str) for parts in texts for part in parts):
         return []
     return sorted("".join(parts) for parts in texts)

@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from cnc.gcode.core.call_stack import ControlStep, Flow, Maker, Step
+from cnc.gcode.core.call_stack import ControlStep, Flow, Maker
 from cnc.gcode.reader.source_text import Place
-from cnc.gcode.reader.statements import Control, Statement
+from cnc.gcode.reader.statements import Statement
 from cnc.gcode.reader.words import Word
 from cnc.model.blocks import Plane
 from cnc.model.diagnostics import CncError
@@ -82,6 +82,8 @@ between holes (0 divides the circle), number."""
 Point = tuple[float, float]
 Move = tuple[tuple[str, float], ...]
 """Letters and numbers of the words of a line."""
+_LIFT = 1.0
+"""Retraction of a turning cycle without VRT, mm."""
 
 
 class CycleStep(ControlStep):
@@ -118,6 +120,40 @@ class CycleStep(ControlStep):
         """Return an error at the name of the cycle."""
         message = f"CYCLE{self.control.label}{message}"
         return self.flow.listing.fault(self.at, code, message, hint)
+
+
+class TurningValues(CycleStep):
+    """A line with a turning cycle: lengths and counts among its arguments."""
+
+    __slots__ = ()
+
+    @property
+    def word(self) -> Word:
+        """The name of the cycle, for messages."""
+        name = f"CYCLE{self.control.label}"
+        return Word(name, 0.0, name, self.at.column, self.at.length)
+
+    def size(self, name: str, default: float = 0.0) -> float:
+        """Return a length in mm, whose sign says nothing."""
+        return abs(self.get(name, default)) * self.scale
+
+    def whole(self, name: str, least: int, most: int, default: float = math.nan) -> int:
+        """Return a whole number within limits."""
+        value = self.get(name, default)
+        if value != value or value != int(value) or not least <= value <= most:
+            message = f": {name} must be a whole number from {least} to {most}"
+            raise self.fault("value-out-of-range", message)
+        return int(value)
+
+    @property
+    def scale(self) -> float:
+        """Length of a unit of the program, mm."""
+        return self.flow.interpreter.modal.scale
+
+    @property
+    def lift(self) -> float:
+        """The retraction (VRT), mm."""
+        return self.size("VRT") or _LIFT
 
 
 class Cycle(CycleStep):
@@ -437,14 +473,5 @@ def _on_circle(values: dict[str, float]) -> list[Point]:
     ]
 
 
-def _turning(flow: Flow, line: int, control: Control) -> Step:
-    """Return the step of a turning cycle."""
-    from cnc.gcode.sinumerik.turning import TurningCycle  # most programs have none
-
-    return TurningCycle(flow, line, control)
-
-
-MAKERS: dict[str, Maker] = {
-    "cycle": Cycle, "mcall": Cycle, "s-holes": Pattern, "s-turn": _turning,
-}  # fmt: skip
+MAKERS: dict[str, Maker] = {"cycle": Cycle, "mcall": Cycle, "s-holes": Pattern}
 """Classes of the steps of control lines, by keyword."""

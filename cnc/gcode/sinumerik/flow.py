@@ -88,54 +88,6 @@ def labelled(listing: Listing, target: str, line: int, end: int = 1 << 62) -> It
         yield window.first + index
 
 
-# Counting loops; :mod:`cnc.gcode.core.block_matching` reads all blocks.
-
-
-class _For:
-    """``FOR R1 = first TO last``: the parameter or variable counts up by 1."""
-
-    __slots__ = ("first", "last", "loop", "name")
-
-    def __init__(self, control: Control, loop: Loop) -> None:
-        assert isinstance(control.label, str)
-        self.name = control.label
-        self.first, self.last = control.values
-        self.loop = loop
-
-    def run(self, flow: Flow, line: int) -> int:
-        """Enter the loop or pass it."""
-        self.loop.since = flow.executed
-        flow.parameters.set_name(self.name, self.first(flow.parameters), 1)
-        return self.after(flow)
-
-    def after(self, flow: Flow) -> int:
-        """Return the line to continue at, by the value of the parameter."""
-        count = flow.parameters.name(self.name, 1)
-        return self.loop.first + 1 if count <= self.last(flow.parameters) else self.loop.last + 1
-
-
-class _EndFor:
-    """``ENDFOR``."""
-
-    __slots__ = ("begin",)
-
-    def __init__(self, begin: _For) -> None:
-        self.begin = begin
-
-    def run(self, flow: Flow, line: int) -> int:
-        """Count, and repeat the loop or leave it."""
-        begin = self.begin
-        flow.parameters.set_name(begin.name, flow.parameters.name(begin.name, 1) + 1.0, 1)
-        return begin.after(flow)
-
-
-def enter_count(listing: Listing, control: Control, loop: Loop) -> None:
-    """Enter the first and the last line of a FOR."""
-    count = _For(control, loop)
-    listing.steps[loop.first], listing.steps[loop.last] = count, _EndFor(count)
-    listing.loops.append(loop)
-
-
 # Sections that REPEAT executes again.
 
 _END = "ENDLABEL"
@@ -171,7 +123,7 @@ class _Repeat(ControlStep):
             Section(flow.listing, len(flow.frames), first, last, line + 1, int(count) - 1)
         )
         if last + 1 not in flow.listing.section_ends:
-            flow.listing.section_ends.add(last + 1)
+            flow.listing.section_ends[last + 1] = SectionEnd
             flow.listing.forget_steps()
         return first
 

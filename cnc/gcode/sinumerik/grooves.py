@@ -15,7 +15,7 @@ from bisect import bisect_left
 from typing import TYPE_CHECKING, NamedTuple
 
 from cnc.gcode.core.compensation_codes import TIPS
-from cnc.gcode.sinumerik.cycles import COARSE
+from cnc.gcode.sinumerik.cycles import COARSE, TurningValues
 from cnc.gcode.turning.codes import MOST_PASSES
 from cnc.gcode.turning.profiles import ProfileCycles, offset_profile
 from cnc.gcode.turning.roughing import (
@@ -31,7 +31,6 @@ from cnc.gcode.turning.roughing import (
 from cnc.model.blocks import Dwell
 
 if TYPE_CHECKING:
-    from cnc.gcode.sinumerik.turning import TurningCycle
     from cnc.gcode.turning.cycles import TurningCycles
 
 _SIDES = {1: (1, 1), 2: (-1, 1), 3: (-1, -1), 4: (1, -1)}
@@ -47,7 +46,7 @@ class _Edge(NamedTuple):
     width: float = 0.0
 
 
-def _edge_of(cycle: TurningCycle, *, width: bool) -> _Edge:
+def _edge_of(cycle: TurningValues, *, width: bool) -> _Edge:
     """Return the edge of the tool in use.
 
     Raises:
@@ -80,7 +79,7 @@ class _Cutter:
     """Moves of a cycle in a view, whose points count from an origin of the program."""
 
     def __init__(
-        self, cycle: TurningCycle, turning: TurningCycles, view: View, place: tuple[float, float]
+        self, cycle: TurningValues, turning: TurningCycles, view: View, place: tuple[float, float]
     ) -> None:
         self.cycle, self.view, self._maker = cycle, view, ProfileCycles(turning)
         self.moves = turning.moves
@@ -124,7 +123,7 @@ def _view(moves_columns: tuple[int, int], along: int, out: int) -> View:
     return View(moves_columns, (along, out), z_along=True)
 
 
-def _reference(cycle: TurningCycle) -> tuple[float, float]:
+def _reference(cycle: TurningValues) -> tuple[float, float]:
     """Return SPL and SPD, z and x (a radius) of the contour, mm."""
     state = cycle.flow.interpreter.modal
     if state.x_factor(absolute=True) != 0.5:
@@ -163,7 +162,7 @@ class Groove:
     (flanks), and rounds and chamfers, are cut by one pass from each edge to the middle.
     """
 
-    def __init__(self, cycle: TurningCycle, turning: TurningCycles) -> None:
+    def __init__(self, cycle: TurningValues, turning: TurningCycles) -> None:
         self.cycle, self.turning = cycle, turning
         number = cycle.whole("VARI", 1, 18)
         kind = number % 10
@@ -335,7 +334,7 @@ class Undercut:
     The edge position says where the shoulder is: the tip points to it and to the cylinder.
     """
 
-    def __init__(self, cycle: TurningCycle, turning: TurningCycles) -> None:
+    def __init__(self, cycle: TurningValues, turning: TurningCycles) -> None:
         self.cycle, self.turning = cycle, turning
         self.edge = _edge_of(cycle, width=False)
         forms = "EF" if cycle.control.label == "94" else "ABCD"

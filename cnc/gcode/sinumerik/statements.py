@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, cast
 
 from cnc.gcode.reader.expressions import Builder, Node, constant
-from cnc.gcode.reader.parameters import Parameters
+from cnc.gcode.reader.parameters import Names, Parameters, Variable
 from cnc.gcode.reader.statements import (
     DIAMETERS,
     DIRECTION,
@@ -36,8 +36,7 @@ from cnc.gcode.reader.words import MAX_NUMBER, Word
 from cnc.gcode.sinumerik.variables import (
     KINDS,
     MOST_ELEMENTS,
-    Names,
-    Variable,
+    describe,
     elements,
     left_from,
     no_names,
@@ -144,6 +143,10 @@ class Lines(ExpressionRules):
         self._names = names
         self._remarks: list[Remark] = []
         self._loose: list[tuple[Node, str]] = []
+
+    def refused(self, place: int, wanted: frozenset[str]) -> GcodeError:
+        """Return the error at the place where the line does not go on as its grammar says."""
+        return describe(self._text, place, wanted)
 
     def number(self, begin: int, end: int, value: float) -> Node:
         """Return a number as a node."""

@@ -19,7 +19,7 @@ from typing import NamedTuple
 from cnc.gcode.core.call_stack import Flow, Listing
 from cnc.gcode.reader.statements import Statement
 from cnc.gcode.reader.words import Word
-from cnc.gcode.sinumerik.cycles import COARSE, CycleStep
+from cnc.gcode.sinumerik.cycles import COARSE, TurningValues
 from cnc.gcode.sinumerik.flow import how_it_begins, labelled, subprogram
 from cnc.gcode.sinumerik.grooves import Groove, Undercut
 from cnc.gcode.turning.codes import MOST_PASSES
@@ -64,12 +64,10 @@ _NO_PATH = frozenset("TSMDHL")
 _NO_PATH_CODES = frozenset((17.0, 18.0, 19.0, 40.0, 41.0, 42.0, 60.0, 64.0, 94.0, 95.0, 96.0, 97.0))
 _IDLE = ("s-end", "s-proc")
 """Control lines that a contour passes over."""
-_LIFT = 1.0
-"""Retraction without VRT, mm."""
 _ROUNDING = 1e-9
 
 
-class TurningCycle(CycleStep):
+class TurningCycle(TurningValues):
     """A line with a turning cycle."""
 
     __slots__ = ("moves",)
@@ -101,34 +99,6 @@ class TurningCycle(CycleStep):
         state.motion, state.feed = before
         interpreter.update_plain()
         return line + 1
-
-    @property
-    def word(self) -> Word:
-        """The name of the cycle, for messages."""
-        name = f"CYCLE{self.control.label}"
-        return Word(name, 0.0, name, self.at.column, self.at.length)
-
-    def size(self, name: str, default: float = 0.0) -> float:
-        """Return a length in mm, whose sign says nothing."""
-        return abs(self.get(name, default)) * self.scale
-
-    def whole(self, name: str, least: int, most: int, default: float = math.nan) -> int:
-        """Return a whole number within limits."""
-        value = self.get(name, default)
-        if value != value or value != int(value) or not least <= value <= most:
-            message = f": {name} must be a whole number from {least} to {most}"
-            raise self.fault("value-out-of-range", message)
-        return int(value)
-
-    @property
-    def scale(self) -> float:
-        """Length of a unit of the program, mm."""
-        return self.flow.interpreter.modal.scale
-
-    @property
-    def lift(self) -> float:
-        """The retraction (VRT), mm."""
-        return self.size("VRT") or _LIFT
 
 
 # Stock removal: CYCLE95.

@@ -72,11 +72,6 @@ class Motor:
         return len(self._queue)
 
     @property
-    def next_due(self) -> int | None:
-        """Clock of the next step, None if none is due."""
-        return None if self._times is None else self.due
-
-    @property
     def interval(self) -> int | None:
         """Ticks from the last step to the next one, None if none is due."""
         if self._times is None:
