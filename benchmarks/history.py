@@ -6,9 +6,10 @@
 
 Each figure is the CPU time of a check, from text to pulses, in one process on one core, after
 everything is loaded. The speed is the CPU time of work that never changes: half of it is compiled
-code, half is Python. So figures of different machines, and of a loaded one, can be compared, to
-about 10 %. A figure that took 10 % longer than before is marked. ``--beside`` is more exact: both
-commits run in turn, and the least of each counts. It compiles the kernels of that commit first.
+code, half is Python. It is measured before and behind each check, and the check is divided by it:
+so figures of different machines, and of a loaded one, can be compared. A figure that took 10 %
+longer than before is marked. ``--beside`` is more exact: both commits run in turn. It compiles the
+kernels of that commit first.
 
 A longer motion in less computing time is no gain, so both are shown.
 """
@@ -26,12 +27,13 @@ import tempfile
 from collections.abc import Callable, Iterator
 from datetime import date
 from pathlib import Path
+from statistics import median
 from time import process_time
 from typing import Any, NamedTuple
 
 ROOT = Path(__file__).resolve().parents[1]
 FILE = ROOT / "benchmarks" / "history.json"
-ROUNDS = 3
+ROUNDS = 5
 SLOWER = 1.1
 """Ratio to the commit before above which a figure is marked."""
 
@@ -40,11 +42,13 @@ class Figure(NamedTuple):
     """What a check took.
 
     Attributes:
-        cpu_s: CPU time, s.
+        cpu_s: the least CPU time, s.
+        work: the median of the CPU time by the speed around it.
         motion_s: machine time of the program, s.
     """
 
     cpu_s: float
+    work: float
     motion_s: float
 
 
@@ -54,7 +58,7 @@ class Entry(NamedTuple):
     Attributes:
         commit: its hash.
         day: ISO date of the measurement.
-        speed_s: CPU time of the work that never changes, s.
+        speed_s: the least CPU time of the work that never changes, s.
         figures: by name.
     """
 
@@ -171,8 +175,8 @@ def _machine(*, along: bool) -> Any:
 # The measurement, in a process of its own, of the code that is on its path.
 
 
-def _speed() -> float:
-    """Return the CPU time of work that never changes, s."""
+def _speed() -> Callable[[], float]:
+    """Return a function that returns the CPU time of work that never changes, s."""
     import numba
 
     @numba.njit  # type: ignore[untyped-decorator]
@@ -188,32 +192,32 @@ def _speed() -> float:
             seen[number % 977] = (number, 0.5 * number)
         return len(seen)
 
-    compiled(10)
-    times = []
-    for _ in range(3):
+    def speed() -> float:
         began = process_time()
-        compiled(12_000_000)
-        interpreted(700_000)
-        times.append(process_time() - began)
-    return min(times)
+        compiled(6_000_000)
+        interpreted(350_000)
+        return process_time() - began
+
+    compiled(10)
+    return speed
 
 
 def measure() -> dict[str, Any]:
-    """Return the speed and the figures of the code that this process imports."""
+    """Return the speeds, and CPU time, work and motion of each check, of the imported code."""
     from cnc.api import check, from_text
 
-    figures = {}
+    speed = _speed()
+    speeds, figures = [speed()], {}
     for name, (lines, along) in PROGRAMS.items():
         text, machine = "\n".join([*lines(), ""]), _machine(along=along)
         check(from_text("\n".join(text.split("\n")[:40]) + "\nM2\n"), machine)
-        times = []
-        for _ in range(2):
-            began = process_time()
-            report = check(from_text(text), machine)
-            times.append(process_time() - began)
+        began = process_time()
+        report = check(from_text(text), machine)
+        took = process_time() - began
         report.raise_if_faulty()
-        figures[name] = (min(times), report.duration_s)
-    return {"speed_s": _speed(), "figures": figures}
+        speeds.append(speed())
+        figures[name] = (took, 2.0 * took / (speeds[-2] + speeds[-1]), report.duration_s)
+    return {"speed_s": min(speeds), "figures": figures}
 
 
 def measured_in(tree: Path) -> dict[str, Any]:
@@ -230,12 +234,12 @@ def measured_in(tree: Path) -> dict[str, Any]:
     return figures
 
 
-def least(rounds: list[dict[str, Any]], commit: str) -> Entry:
-    """Return the least speed and the least of each figure of some measurements."""
-    figures = {
-        name: Figure(min(each["figures"][name][0] for each in rounds), motion)
-        for name, (_, motion) in rounds[0]["figures"].items()
-    }
+def joined(rounds: list[dict[str, Any]], commit: str) -> Entry:
+    """Return the entry of a commit from some measurements."""
+    figures = {}
+    for name in rounds[0]["figures"]:
+        times, works, motions = zip(*(each["figures"][name] for each in rounds), strict=True)
+        figures[name] = Figure(min(times), median(works), motions[0])
     speed = min(each["speed_s"] for each in rounds)
     return Entry(commit, date.today().isoformat(), speed, figures)
 
@@ -263,7 +267,7 @@ def write(entries: list[Entry], file: Path = FILE) -> None:
     texts = []
     for entry in entries:
         figures = ",\n".join(
-            f"   {json.dumps(name)}: [{figure.cpu_s:.4f}, {figure.motion_s:.3f}]"
+            f"   {json.dumps(name)}: [{figure.cpu_s:.4f}, {figure.work:.3f}, {figure.motion_s:.3f}]"
             for name, figure in entry.figures.items()
         )
         texts.append(
@@ -283,11 +287,10 @@ def compared(now: Entry, before: Entry | None) -> Iterator[str]:
     name = "" if before is None else f"beside {before.commit[:8]} of {before.day}"
     yield f"{'check, text to pulses':38} {'CPU s':>8} {'/speed':>8} {'motion s':>10}  {name}"
     for title, figure in now.figures.items():
-        share = figure.cpu_s / now.speed_s
-        line = f"{title:38} {figure.cpu_s:8.3f} {share:8.3f} {figure.motion_s:10.3f}"
+        line = f"{title:38} {figure.cpu_s:8.3f} {figure.work:8.2f} {figure.motion_s:10.3f}"
         old = None if before is None else before.figures.get(title)
-        if old is not None and before is not None:
-            ratio = share / (old.cpu_s / before.speed_s)
+        if old is not None:
+            ratio = figure.work / old.work
             motion = figure.motion_s / old.motion_s
             line += f"  CPU {ratio:5.2f}, motion {motion:7.5f}"
             if ratio > SLOWER:
@@ -311,7 +314,7 @@ def _beside(commit: str) -> tuple[Entry, Entry]:
         finally:
             _git("worktree", "remove", "--force", str(tree))
     now, before = zip(*pairs, strict=True)
-    return least([*now], _git("rev-parse", "HEAD")), least([*before], name)
+    return joined([*now], _git("rev-parse", "HEAD")), joined([*before], name)
 
 
 def main() -> None:
@@ -333,7 +336,7 @@ def main() -> None:
         now, before = _beside(arguments.beside)
     else:
         commit = _git("rev-parse", "HEAD")
-        now = least([measured_in(ROOT) for _ in range(ROUNDS)], commit)
+        now = joined([measured_in(ROOT) for _ in range(ROUNDS)], commit)
         others = [entry for entry in entries if entry.commit != commit or changed]
         before = others[-1] if others else None
     print(*compared(now, before), sep="\n")
