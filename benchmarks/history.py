@@ -29,11 +29,13 @@ from datetime import date
 from pathlib import Path
 from statistics import median
 from time import process_time
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 ROOT = Path(__file__).resolve().parents[1]
 FILE = ROOT / "benchmarks" / "history.json"
 ROUNDS = 5
+Limits = Literal["installed", "axes", "path"]
+"""The machine of a check: the installed one, or one with limits of the axes or along the path."""
 SLOWER = 1.1
 """Ratio to the commit before above which a figure is marked."""
 
@@ -138,24 +140,34 @@ def _stops() -> Iterator[str]:
     yield "M2"
 
 
-PROGRAMS: dict[str, tuple[Callable[[], Iterator[str]], bool]] = {
-    "wavy surface": (_wavy, False),
-    "wavy surface, limits along the path": (_wavy, True),
-    "polygons": (_polygons, False),
-    "polygons, limits along the path": (_polygons, True),
-    "holes": (_holes, False),
-    "arcs": (_arcs, False),
-    "feeds on each line": (_feeds, False),
-    "exact stops": (_stops, False),
+def _finishing() -> Iterator[str]:
+    """Yield the shipped finishing pass, which has 20 018 lines."""
+    yield from (ROOT / "programs" / "finishing.nc").read_text().splitlines()
+
+
+PROGRAMS: dict[str, tuple[Callable[[], Iterator[str]], Limits]] = {
+    "finishing.nc, installed machine": (_finishing, "installed"),
+    "wavy surface": (_wavy, "axes"),
+    "wavy surface, limits along the path": (_wavy, "path"),
+    "polygons": (_polygons, "axes"),
+    "polygons, limits along the path": (_polygons, "path"),
+    "holes": (_holes, "axes"),
+    "arcs": (_arcs, "axes"),
+    "feeds on each line": (_feeds, "axes"),
+    "exact stops": (_stops, "axes"),
 }
-"""By name: the lines, and whether the limits are those along the path alone."""
+"""By name: the lines and the machine."""
 
 
-def _machine(*, along: bool) -> Any:
-    """Return a machine with limits of each axis, or along the path alone."""
+def _machine(limits: Limits) -> Any:
+    """Return the installed machine, or one with limits of each axis, or along the path alone."""
+    from cnc.api import load_machine
     from cnc.machine.models import Axis, Machine, PathLimits
     from cnc.model.blocks import AxisLetter
 
+    if limits == "installed":
+        return load_machine()
+    along = limits == "path"
     axis = Axis(
         steps_per_mm=200.0,
         max_velocity=100.0,
@@ -208,8 +220,8 @@ def measure() -> dict[str, Any]:
 
     speed = _speed()
     speeds, figures = [speed()], {}
-    for name, (lines, along) in PROGRAMS.items():
-        text, machine = "\n".join([*lines(), ""]), _machine(along=along)
+    for name, (lines, limits) in PROGRAMS.items():
+        text, machine = "\n".join([*lines(), ""]), _machine(limits)
         check(from_text("\n".join(text.split("\n")[:40]) + "\nM2\n"), machine)
         began = process_time()
         report = check(from_text(text), machine)

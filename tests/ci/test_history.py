@@ -55,7 +55,7 @@ def test_the_least_times_and_the_median_of_the_work_count():
 
 def test_a_measurement_has_a_time_and_a_motion(monkeypatch):
     """A square of 10 mm takes longer than its way at the feed."""
-    square = (lambda: iter(["G21 G90 G61\nF600\nG1 X10\nY10\nX0\nY0\nM2"]), False)
+    square = (lambda: iter(["G21 G90 G61\nF600\nG1 X10\nY10\nX0\nY0\nM2"]), "axes")
     monkeypatch.setattr(history, "PROGRAMS", {"square": square})
     monkeypatch.setattr(history, "_speed", lambda: lambda: 0.5)
     measured = json.loads(json.dumps(history.measure()))
