@@ -78,6 +78,8 @@ def test_a_run_is_read_as_the_project_file_says(controller, console, project):
     upload(controller, "part.nc", FANUC_ALONE)
     assert controller("POST", "/api/jobs/part.nc/run", {"trust_position": True}).status_code == 200
     wait_until(lambda: console.library.history()[0]["outcome"] == "failed")
+    # The history is written before the machine is free again.
+    wait_until(lambda: not console.session._worker._busy)
     project('dialect = "fanuc"\n')
     assert controller("POST", "/api/jobs/part.nc/run", {"trust_position": True}).status_code == 200
     wait_until(lambda: console.library.history()[0]["outcome"] == "done")

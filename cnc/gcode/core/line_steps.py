@@ -6,7 +6,7 @@ All other lines are executed as statements and have no step class.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -284,16 +284,24 @@ _JUMPS = ("goto", "if-goto", "s-goto")
 _PROFILE_CODES = frozenset((70.0, 71.0, 71.1, 71.2, 72.0, 72.1, 72.2))
 
 
-def _makers(flavour: str) -> Mapping[str, Maker]:
-    """Return the functions that make the step of a control line of a language, by keyword."""
+CodeStep = Callable[[Flow, int, Statement], Step | None]
+"""Makes the step of a line with codes that change the flow's state; None for another line."""
+
+
+def _makers(flavour: str) -> tuple[Mapping[str, Maker], CodeStep | None]:
+    """Return the functions that make the step of a control line of a language, by keyword.
+
+    The second result makes the steps of lines with certain codes; None where there are none.
+    """
     if flavour == "siemens":
         # Most programs are in another language.
         from cnc.gcode.sinumerik import cycles, flow
 
-        return cycles.MAKERS | flow.MAKERS | {"s-turn": _turning_cycle}
+        makers = cycles.MAKERS | flow.MAKERS | {"s-turn": _turning_cycle}
+        return makers, flow.step_of_code
     if flavour == "klartext":
-        return klartext.MAKERS
-    return block_matching.MAKERS | subprograms.MAKERS
+        return klartext.MAKERS, None
+    return block_matching.MAKERS | subprograms.MAKERS, None
 
 
 def _turning_cycle(flow: Flow, line: int, control: Control) -> Step:
@@ -317,7 +325,7 @@ class StepMaker:
         self._builder_codes = codes
         self._dialect = dialect
         self._macro = dialect.flavour == "macro-b"
-        self._makers = _makers(dialect.flavour)
+        self._makers, self._step_of_code = _makers(dialect.flavour)
         machine = LineMachine(flow.interpreter)
         self._runs = PlainLines(flow.interpreter, machine, bulk)
         is_compiled = dialect.flavour in ("ngc", "siemens") and bulk is None
@@ -465,11 +473,10 @@ class StepMaker:
                 return profile
             if lathe and (cycle := profile_cycle(line, statement, self._dialect)):
                 return cycle
-        if self._dialect.flavour == "siemens":
-            from cnc.gcode.sinumerik.flow import step_of_code
-
-            if step := step_of_code(self._flow, line, statement):
-                return step
+        if self._step_of_code is not None and (
+            step := self._step_of_code(self._flow, line, statement)
+        ):
+            return step
         if self._builder_codes and (step := file_call(line, statement, self._builder_codes)):
             return step
         if statement.words or statement.assignments or statement.remarks or statement.board:
