@@ -27,6 +27,7 @@ from cnc.model.blocks import (
 )
 from cnc.model.diagnostics import Diagnostic
 from cnc.model.units import per_minute
+from cnc.path.block_pieces import FEW
 from cnc.report.result import Report
 
 # Suspicious arcs: circles that do not close, and radii that change along the arc.
@@ -54,10 +55,9 @@ class ArcCheck:
         self._max_drift = 0.0
         self._first: tuple[str, int] = "", 0
 
-    def add(self, arc: ArcFeed, start: Floats) -> None:
-        """Check an arc that begins at ``start`` (axes,) mm."""
+    def add(self, arc: ArcFeed, from_place: list[float], to_place: list[float]) -> None:
+        """Check an arc from one place to another, (axes,) mm."""
         i, j = (self._names.index(axis) for axis in PLANE_AXES[arc.plane])
-        from_place, to_place = start.tolist(), arc.end.tolist()
         begin, end = (from_place[i], from_place[j]), (to_place[i], to_place[j])
         gap = math.dist(begin, end)
         if SAME_POINT < gap <= min(MAX_GAP, MAX_GAP_RATIO * arc.radius):
@@ -118,14 +118,17 @@ class _Moves:
     feed: float = 0.0
 
     def add(self, file: str, lines: NDArray[np.int32], amounts: Floats, feeds: Floats) -> None:
-        if not len(lines):
-            return
+        if len(lines):
+            index = int(np.argmax(amounts))
+            self.add_one(file, int(lines[0]), float(amounts[index]), float(feeds[index]))
+            self.count += len(lines) - 1
+
+    def add_one(self, file: str, line: int, amount: float, feed: float) -> None:
         if not self.count:
-            self.file, self.line = file, int(lines[0])
-        self.count += len(lines)
-        index = int(np.argmax(amounts))
-        if amounts[index] > self.largest:
-            self.largest, self.feed = float(amounts[index]), float(feeds[index])
+            self.file, self.line = file, line
+        self.count += 1
+        if amount > self.largest:
+            self.largest, self.feed = amount, feed
 
 
 class Hints:
@@ -138,12 +141,14 @@ class Hints:
 
     def __init__(self, machine: Machine, start: Floats) -> None:
         self._machine = machine
-        self._position = np.array(start, np.float64)
+        self._position: list[float] = np.array(start, np.float64).tolist()
         self._steps_per_mm = machine.steps_per_mm
         self._linear = np.flatnonzero([letter in "xyz" for letter in machine.axes])
         self._max_velocity = np.array([axis.max_velocity for axis in machine.axes.values()])[
             self._linear
         ]
+        # No move at this feed is slower than programmed.
+        self._slow = min(float(self._max_velocity.min(initial=np.inf)), machine.path.max_feed)
         self._unreachable, self._short = _Moves(), _Moves()
         self._arcs = ArcCheck(machine)
         self._synchronized = False
@@ -191,21 +196,17 @@ class Hints:
             self._add_moves(block)
         elif isinstance(block, ArcFeed | NurbsFeed):
             if isinstance(block, ArcFeed):
-                self._arcs.add(block, self._position)
-            self._position = np.array(
-                block.end if isinstance(block, ArcFeed) else block.control_points[-1]
-            )
+                end = block.end.tolist()
+                self._arcs.add(block, self._position, end)
+            else:
+                end = block.control_points[-1].tolist()
+            self._position = end
             self._note_feed_move(block.file, block.line)
             excess = block.feed / self._machine.path.max_feed
             if excess > 1.0 + ROUNDING:
-                self._unreachable.add(
-                    block.file,
-                    np.array([block.line], np.int32),
-                    np.array([excess]),
-                    np.array([block.feed]),
-                )
+                self._unreachable.add_one(block.file, block.line, excess, block.feed)
         elif isinstance(block, Probe):
-            self._position = np.array(block.end)
+            self._position = block.end.tolist()
         elif isinstance(block, SpindleSync):
             self._synchronized = block.pitch != 0.0
         elif isinstance(block, Spindle):
@@ -214,17 +215,23 @@ class Hints:
             self._spindle_off_noted = False
 
     def _add_moves(self, block: Polyline) -> None:
+        if len(block.points) <= FEW:
+            feeds = block.feeds.tolist()
+            if not any(feed > self._slow for feed in feeds):
+                self._add_few(block, feeds)
+                return
         feeding = ~np.isnan(block.feeds)
         if feeding.any():
             self._note_feed_move(block.file, int(block.lines[np.argmax(feeding)]))
         # Axis by axis: numpy takes several times as long for the largest of each short row.
-        ends = np.vstack((self._position[None], block.points)).T
+        ends = np.vstack((self._position, block.points)).T
         steps_mm = np.diff(np.ascontiguousarray(ends))
-        self._position = np.array(block.points[-1])
+        self._position = block.points[-1].tolist()
         steps = np.abs(steps_mm * self._steps_per_mm[:, None]).max(axis=0)
         short = feeding & (steps > 0.0) & (steps < 1.0 - ROUNDING)
         self._short.add(block.file, block.lines[short], steps[short], block.feeds[short])
-        if not self._synchronized and len(self._linear) and self._may_be_unreachable(block.feeds):
+        fastest = float(np.fmax.reduce(block.feeds))
+        if not self._synchronized and len(self._linear) and fastest > self._slow:
             steps_mm = steps_mm[self._linear]
             lengths = np.sqrt((steps_mm * steps_mm).sum(axis=0))
             moving = feeding & (lengths > 0.0)
@@ -235,11 +242,18 @@ class Hints:
             above = excess > 1.0 + ROUNDING
             self._unreachable.add(block.file, lines[above], excess[above], feeds[above])
 
-    def _may_be_unreachable(self, feeds: Floats) -> bool:
-        """Return whether a feed (moves,) is more than the machine reaches in some direction."""
-        lowest = min(float(self._max_velocity.min()), self._machine.path.max_feed)
-        fastest = float(np.fmax.reduce(feeds))
-        return fastest > lowest
+    def _add_few(self, block: Polyline, feeds: list[float]) -> None:
+        """Check the moves of a short row, for which arrays take longer; all are slow enough."""
+        here, per_mm = self._position, self._steps_per_mm.tolist()
+        for end, feed, line in zip(block.points.tolist(), feeds, block.lines.tolist(), strict=True):
+            if not math.isnan(feed):
+                self._note_feed_move(block.file, line)
+                moved = zip(here, end, per_mm, strict=True)
+                steps = max(abs((b - a) * steps) for a, b, steps in moved)
+                if 0.0 < steps < 1.0 - ROUNDING:
+                    self._short.add_one(block.file, line, steps, feed)
+            here = end
+        self._position = here
 
     def _note_feed_move(self, file: str, line: int) -> None:
         """Keep the place of a feed move with the spindle off, one between two spindle words."""

@@ -18,6 +18,7 @@ from cnc.model.diagnostics import Diagnostic, GcodeError
 from cnc.model.motion_commands import Commands, command_array, places_of
 from cnc.path.chunk import PathChunk
 from cnc.path.kernels.curve import LENGTH, METRIC, METRICS, SPAN_BODY, START, U0, U1
+from cnc.path.kernels.span_shape import NEGLIGIBLE
 from cnc.path.records import (
     Floats,
     Ints,
@@ -403,6 +404,11 @@ def _speed(span: _Span, columns: Ints, t: Floats) -> Floats:
     return speed
 
 
+FEW = 8
+"""Most moves of a short row."""
+Move = tuple[list[float], float, int]
+"""End (n,), feed and source line of a move."""
+
 JOIN = 1e-6
 """mm. A NURBS whose first control point is this near to the position is moved there. A larger
 distance is an error.
@@ -464,9 +470,7 @@ def records_of_arc(block: ArcFeed, position: Floats, frame: Frame) -> Iterator[R
         GcodeError: ``not-finite``.
     """
     axes = frame.axes
-    numbers = (*block.end.tolist(), *block.center, block.radius, block.turns, block.feed)
-    if not all(map(math.isfinite, numbers)):
-        raise _not_finite(block, block.line)
+    check_arc(block, block.end.tolist())
     first_axis, second_axis = PLANE_AXES[block.plane]
     plane = axes.index(first_axis), axes.index(second_axis)
     return arc_records(
@@ -492,6 +496,33 @@ def moves_of(
         if len(points):
             position[:] = points[-1]
             yield points, feeds.astype(np.float64), lines.astype(np.int32), commands
+
+
+def few_moves(block: Polyline, position: Floats, *, traverses: bool) -> list[Move] | None:
+    """Return the moves with a length of a short row; None if arrays are to be made of it.
+
+    For a few moves each array takes longer than all their numbers.
+
+    Args:
+        block: the row.
+        position: (n,): moved along.
+        traverses: whether a row with a traverse counts as well.
+    """
+    if len(block.points) > FEW or block.commands is not None:
+        return None
+    feeds, moves, here = block.feeds.tolist(), [], position.tolist()
+    for move in zip(block.points.tolist(), feeds, block.lines.tolist(), strict=True):
+        end, feed, _ = move
+        if not (math.isfinite(feed) or (traverses and math.isnan(feed))):
+            return None
+        if not all(map(math.isfinite, end)):
+            return None
+        if any(abs(b - a) > NEGLIGIBLE for a, b in zip(here, end, strict=True)):
+            moves.append(move)
+            here = end
+    if moves:
+        position[:] = here
+    return moves
 
 
 def _spread(
@@ -534,6 +565,12 @@ def _not_finite(block: Block, line: int) -> GcodeError:
 def check_finite(block: Block, *arrays: Floats) -> None:
     """Raise ``not-finite`` if a number of a block is not finite."""
     if not all(np.isfinite(array).all() for array in arrays):
+        raise _not_finite(block, block.line)
+
+
+def check_arc(block: ArcFeed, end: list[float]) -> None:
+    """Raise ``not-finite`` if a number of an arc to ``end`` (n,) is not finite."""
+    if not all(map(math.isfinite, (*end, *block.center, block.radius, block.turns, block.feed))):
         raise _not_finite(block, block.line)
 
 

@@ -38,11 +38,19 @@ from cnc.model.blocks import (
     TipControl,
 )
 from cnc.model.motion_commands import apart, goes_with_motion, rests
-from cnc.path.block_pieces import Frame, Gatherer, moves_of, pieces_of, records_of_arc
+from cnc.path.block_pieces import (
+    Frame,
+    Gatherer,
+    Move,
+    few_moves,
+    moves_of,
+    pieces_of,
+    records_of_arc,
+)
 from cnc.path.chunk import PathChunk
 from cnc.path.fit import LEAST_TOLERANCE, Alternatives, Fitted, Fitter
 from cnc.path.fit_curves import arc_of, nurbs_chords
-from cnc.path.records import Floats, axis_classes, moving
+from cnc.path.records import Floats, axis_classes, line_record, moving
 
 # Times that the blocks of a path are to take under inverse time feed (G93).
 #
@@ -172,6 +180,7 @@ class _Builder:
     ) -> None:
         self._short_legs, self._offers_corners = short_legs, offers_corners
         self._frame = Frame(axes, axis_classes(axes), accuracy)
+        self._classes = bool(self._frame.classes.any())
         self._tolerance, self._due_times = tolerance, due_times
         self._position = np.array(start, np.float64)
         self._gatherer = Gatherer(axes)
@@ -264,7 +273,8 @@ class _Builder:
         fitter = self._fitter
         match block:
             case Polyline():
-                return self._fitted_moves(block, fitter)
+                few = self._few_moves(block, traverses=False)
+                return self._fitted_moves(block, fitter) if few is None else fitter.add_few(few)
             case ArcFeed():
                 arc = arc_of(block, here, frame)
                 if arc is None:
@@ -276,6 +286,10 @@ class _Builder:
                 if runs is None:
                     return None
                 return self._fitted_chords(block, runs, fitter)
+
+    def _few_moves(self, block: Polyline, *, traverses: bool) -> list[Move] | None:
+        """Return the moves of a short row, see few_moves; the same axes measure all of them."""
+        return None if self._classes else few_moves(block, self._position, traverses=traverses)
 
     def _fitted_moves(self, block: Polyline, fitter: Fitter) -> Iterator[Fitted]:
         """Yield the final pieces when straight moves are added."""
@@ -333,12 +347,29 @@ class _Builder:
         if isinstance(block, ArcFeed):
             yield from self._gather_arc(block, exact_stop, allowed)
             return
+        if isinstance(block, Polyline):
+            start = self._position.tolist()
+            few = self._few_moves(block, traverses=True)
+            if few is not None:
+                yield from self._gather_few(start, few, exact_stop, allowed)
+                return
         for records, feeds, lines, stops, commands in pieces_of(
             block, self._position, self._frame, exact_stop=exact_stop
         ):
             self._gatherer.add(records, feeds, lines, stops, allowed, commands)
             if self._gatherer.full():
                 yield from self._hold()
+
+    def _gather_few(
+        self, start: list[float], moves: list[Move], exact_stop: bool, allowed: float
+    ) -> Iterator[PathChunk | Block]:
+        """Gather straight moves, each of some length, that begin at ``start`` (n,)."""
+        for end, feed, line in moves:
+            record = line_record(start, end, self._frame.classes)
+            self._gatherer.add_single(record, feed, line, allowed, stop=exact_stop)
+            start = end
+        if self._gatherer.full():
+            yield from self._hold()
 
     def _gather_arc(
         self, arc: ArcFeed, exact_stop: bool, allowed: float

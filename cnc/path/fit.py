@@ -23,9 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.model.blocks import Answer, Block, canonical
-from cnc.path.block_pieces import Frame, Gatherer, Pieces
+from cnc.path.block_pieces import Frame, Gatherer, Move, Pieces
 from cnc.path.chunk import PathChunk
-from cnc.path.fit_curves import LEFT, SPARE, Arc
+from cnc.path.fit_curves import LEFT, SPARE, Arc, chord_ends
 from cnc.path.kernels.fit_pieces import Moves, Written, joint_tolerances, new_writer, write_pieces
 from cnc.path.kernels.fit_program import improve
 from cnc.path.kernels.fit_proof import far_off, prove
@@ -54,7 +54,7 @@ from cnc.path.kernels.fit_squares import (
     with_knots,
 )
 from cnc.path.kernels.fit_stretches import first_knots
-from cnc.path.records import Floats, line_records, move_classes
+from cnc.path.records import Floats, Ints, line_records, move_classes
 
 # The spline of a window of a chain: knots, control points, and the proof of the tolerance.
 #
@@ -458,6 +458,83 @@ one goes on within the tolerance.
 """
 
 
+class Members:
+    """Moves of a chain that are not fitted yet.
+
+    Arcs stay arcs until all of their chords are made at once.
+
+    Args:
+        start: (n,): start of the first move, mm.
+
+    Attributes:
+        start: the start.
+        count: number of moves, each chord as one.
+    """
+
+    def __init__(self, start: Floats) -> None:
+        self.start = start
+        self.count = 0
+        self._rows: list[tuple[int, Floats, Floats, Ints]] = []
+        self._few: list[tuple[int, Move]] = []
+        self._arcs: list[tuple[int, int, Arc]] = []
+        self._end: list[float] = start.tolist()
+        self._before: list[float] | Arc = self._end
+
+    def end(self) -> list[float]:
+        """Return the end of the last move (n,)."""
+        return self._end
+
+    def add(self, points: Floats, feeds: Floats, lines: NDArray[np.integer]) -> None:
+        """Add straight moves: ends (m, n), feeds and lines (m,)."""
+        self._rows.append((self.count, points, feeds, lines.astype(np.int64)))
+        self.count += len(points)
+        self._before = points[-2].tolist() if len(points) > 1 else self._end
+        self._end = points[-1].tolist()
+
+    def add_one(self, move: Move) -> None:
+        """Add a straight move."""
+        self._few.append((self.count, move))
+        self.count += 1
+        self._before, self._end = self._end, move[0]
+
+    def add_arc(self, arc: Arc, tolerance: float) -> None:
+        """Add an arc; tolerance: that of the chain, mm."""
+        chords = arc.chords(tolerance)
+        self._arcs.append((self.count, chords, arc))
+        self.count += chords
+        self._before, self._end = arc, arc.end.tolist()
+
+    def last_leg(self) -> list[float]:
+        """Return the last move, from its start to its end (n,)."""
+        if isinstance(self._before, Arc):
+            return self._before.last_chord(self._arcs[-1][1])
+        return [b - a for a, b in zip(self._before, self._end, strict=True)]
+
+    def arrays(self) -> tuple[Floats, Moves]:
+        """Return the vertices (count + 1, n), and the feeds and lines of the moves."""
+        x = np.empty((self.count + 1, len(self.start)))
+        moves = Moves(np.empty(self.count), np.empty(self.count, np.int64))
+        x[0] = self.start
+        ends = x[1:]
+        for first, points, feeds, lines in self._rows:
+            row = slice(first, first + len(points))
+            ends[row], moves.feed[row], moves.line[row] = points, feeds, lines
+        if self._few:
+            rows = np.array([first for first, _ in self._few])
+            ends[rows], moves.feed[rows], moves.line[rows] = zip(
+                *(move for _, move in self._few), strict=True
+            )
+        if self._arcs:
+            firsts, chords, arcs = zip(*self._arcs, strict=True)
+            counts = np.array(chords)
+            gaps = np.array(firsts) - (np.cumsum(counts) - counts)
+            rows = np.arange(counts.sum()) + np.repeat(gaps, counts)
+            ends[rows] = chord_ends(arcs, counts)
+            moves.feed[rows] = np.repeat([arc.feed for arc in arcs], counts)
+            moves.line[rows] = np.repeat([arc.line for arc in arcs], counts)
+        return x, moves
+
+
 class Fitter:
     """Fits splines to moves that come in order, all with one tolerance.
 
@@ -494,10 +571,7 @@ class Fitter:
     def _begin(self, position: Floats, metric_class: int) -> None:
         """Begin a chain at ``position`` (n,), measured over the axes of ``metric_class``."""
         self._class = metric_class
-        self._points = [position[None]]
-        self._feeds: list[Floats] = []
-        self._lines: list[NDArray[np.int32]] = []
-        self._moves = 0
+        self._members = Members(position)
         self._state = np.full((DEGREE, len(position)), math.nan)
         self._carried = np.zeros(0, KNOT)
         self._at_corner = False
@@ -516,7 +590,7 @@ class Fitter:
             curved: whether they are chords of a curve.
         """
         self.curved |= curved
-        ends = np.concatenate((self._position()[None], points))
+        ends = np.concatenate(([self._position()], points))
         which = np.where(np.isnan(feeds), -1, move_classes(np.diff(ends, axis=0), self._classes))
         borders = np.concatenate(([0], np.flatnonzero(np.diff(which)) + 1, [len(which)]))
         for first, last in zip(borders[:-1].tolist(), borders[1:].tolist(), strict=True):
@@ -533,10 +607,24 @@ class Fitter:
                 )
                 self._begin(points[last - 1], -1)
             else:
-                yield from self._go_behind_arc(ends[first + 1] - ends[first])
-                self._put(points[run], feeds[run], lines[run])
-                if self._moves >= WINDOW:
+                if self._waiting is not None:
+                    yield from self._go_behind_arc((ends[first + 1] - ends[first]).tolist())
+                self._members.add(points[run], feeds[run], lines[run])
+                if self._members.count >= WINDOW:
                     yield from self._fit(open_end=True)
+
+    def add_few(self, moves: list[Move]) -> Iterator[Fitted]:
+        """Add a few feed moves of axes that all have the class 0, as :meth:`add` does."""
+        for move in moves:
+            if self._class != 0:
+                yield from self.flush()
+                self._begin(np.array(self._position()), 0)
+            if self._waiting is not None:
+                leg = zip(self._position(), move[0], strict=True)
+                yield from self._go_behind_arc([b - a for a, b in leg])
+            self._members.add_one(move)
+        if self._members.count >= WINDOW:
+            yield from self._fit(open_end=True)
 
     def add_arc(self, arc: Arc) -> Iterator[Fitted]:
         """Add an arc, and yield the pieces that are final."""
@@ -545,43 +633,40 @@ class Fitter:
             self._begin(arc.start, 0)
         begins = arc.direction(0.0)
         yield from self._go_behind_arc(begins)
-        if self._moves:
-            last = self._points[-1]
-            before = last[-2] if len(last) > 1 else self._points[-2][-1]
-            if self._is_corner(last[-1] - before, begins):
-                yield from self.flush()
-        if not self._moves:
+        if self._members.count and self._is_corner(self._members.last_leg(), begins):
+            yield from self.flush()
+        if not self._members.count:
             self._waiting = arc
             return
         self.curved = True
         bend = arc.bend(self._tolerance)
         if self._keeps_middle(arc):
-            self._put_arc(arc.between(0.0, bend))
+            self._members.add_arc(arc.between(0.0, bend), self._tolerance)
             yield from self._fit(open_end=False, end=arc.state(bend, self._classes == 0))
             self._waiting = arc.between(bend, 1.0)
         else:
-            self._put_arc(arc)
-            if self._moves >= WINDOW:
+            self._members.add_arc(arc, self._tolerance)
+            if self._members.count >= WINDOW:
                 yield from self._fit(open_end=True)
 
     def flush(self) -> Iterator[Fitted]:
         """End the chain, and yield the rest of its pieces."""
         if self._waiting is not None:
             yield from self._exact(self._waiting, self._tolerance)
-        elif self._moves:
+        elif self._members.count:
             yield from self._fit(open_end=False)
 
-    def _position(self) -> Floats:
+    def _position(self) -> list[float]:
         """Return the end of everything added (n,)."""
-        return self._points[-1][-1] if self._waiting is None else self._waiting.end
+        return self._members.end() if self._waiting is None else self._waiting.end.tolist()
 
-    def _is_corner(self, before: Floats, after: Floats) -> bool:
+    def _is_corner(self, before: list[float], after: list[float]) -> bool:
         """Return whether the chain ends where these directions meet; lengths are those of the legs.
 
         Moves that are shorter than a corner's legs are left to the chain.
         """
-        a = [value for value, kind in zip(before.tolist(), self._kinds, strict=True) if kind == 0]
-        b = [value for value, kind in zip(after.tolist(), self._kinds, strict=True) if kind == 0]
+        a = [value for value, kind in zip(before, self._kinds, strict=True) if kind == 0]
+        b = [value for value, kind in zip(after, self._kinds, strict=True) if kind == 0]
         sizes = math.hypot(*a), math.hypot(*b)
         long = min(sizes) >= LEGS * self._tolerance
         return long and sum(map(mul, a, b)) < math.cos(SHARPEST) * sizes[0] * sizes[1]
@@ -591,7 +676,7 @@ class Fitter:
         bend = arc.bend(self._tolerance)
         return 2.0 * SPARE * bend < 1.0 and arc.smallest >= 2.0 * self._tolerance
 
-    def _go_behind_arc(self, direction: Floats) -> Iterator[Pieces]:
+    def _go_behind_arc(self, direction: list[float]) -> Iterator[Pieces]:
         """Begin the chain with the arc that waits; the chain goes on in ``direction`` (n,)."""
         arc = self._waiting
         if arc is None:
@@ -606,7 +691,7 @@ class Fitter:
             self._state = arc.state(1.0 - bend, self._classes == 0)
             arc = arc.between(1.0 - bend, 1.0)
         self._waiting = None
-        self._put_arc(arc)
+        self._members.add_arc(arc, self._tolerance)
 
     def _exact(self, arc: Arc, joint: float) -> Iterator[Pieces]:
         """Yield an exact arc, and begin a chain behind it; ``joint``: tolerance there, mm."""
@@ -626,27 +711,13 @@ class Fitter:
             )
         self._begin(arc.end, 0)
 
-    def _put_arc(self, arc: Arc) -> None:
-        """Put the chords of an arc into the chain."""
-        points = arc.chords(self._tolerance)
-        count = len(points)
-        self._put(points, np.full(count, arc.feed), np.full(count, arc.line, np.int32))
-
-    def _put(self, points: Floats, feeds: Floats, lines: NDArray[np.int32]) -> None:
-        """Put moves into the chain; see add."""
-        self._points.append(points)
-        self._feeds.append(feeds)
-        self._lines.append(lines)
-        self._moves += len(points)
-
     def _fit(self, *, open_end: bool, end: Floats | None = None) -> Iterator[Fitted]:
         """Yield the spans of the chain that no later move will change; all if the chain ends.
 
         end: (5, n): position and derivatives 1 to 4 there.
         """
         tolerance = LEFT * self._tolerance if self.curved else self._tolerance
-        x = np.concatenate(self._points)
-        moves = Moves(np.concatenate(self._feeds), np.concatenate(self._lines).astype(np.int64))
+        x, moves = self._members.arrays()
         metrics = self._classes == self._class
         chain = Chain(x, np.empty(len(x)), np.flatnonzero(metrics), metrics)
         corner = np.empty(len(x), np.bool_)
@@ -694,7 +765,7 @@ class Fitter:
             between_lines = knots["straight"][k - 1] and knots["straight"][k]
             if knots["ends"][k] or between_lines or (whole[k] and self._kept(knots, k)):
                 return k
-        return spans if self._moves >= 4 * WINDOW else 0
+        return spans if self._members.count >= 4 * WINDOW else 0
 
     def _kept(self, knots: Knots, last: int) -> int:
         """Return the number of knots behind knot ``last`` that the next window keeps.
@@ -711,10 +782,8 @@ class Fitter:
         """Keep the moves behind span ``last``, and the state of the spline there."""
         knot = spline.knots[last]
         first = int(knot["vertex"])
-        self._points = [spline.p[last : last + 1], chain.x[first + 1 :]]
-        self._feeds = [moves.feed[first:]]
-        self._lines = [moves.line[first:].astype(np.int32)]
-        self._moves = len(chain.x) - 1 - first
+        self._members = Members(spline.p[last].copy())
+        self._members.add(chain.x[first + 1 :], moves.feed[first:], moves.line[first:])
         self._at_corner = bool(knot["ends"])
         self._state = np.full((DEGREE, chain.x.shape[1]), math.nan)
         self._carried = np.zeros(0, KNOT)
@@ -732,5 +801,5 @@ class Fitter:
 
     def _here(self) -> Floats:
         """Return the end of the spans issued so far (n,)."""
-        begin: Floats = self._points[0][0] if math.isnan(self._state[0, 0]) else self._state[0]
+        begin: Floats = self._members.start if math.isnan(self._state[0, 0]) else self._state[0]
         return begin.copy()

@@ -15,16 +15,16 @@ There the spline ends with the arc's position and its first four derivatives.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cnc.model.blocks import PLANE_AXES, ArcFeed, NurbsFeed
-from cnc.path.block_pieces import Frame, check_finite, joined
+from cnc.path.block_pieces import Frame, check_arc, check_finite, joined
 from cnc.path.kernels.bspline import nurbs_chord_ends
-from cnc.path.records import TURN, Floats, Records, arc_records, sweep_and_angle
+from cnc.path.records import TURN, Floats, Ints, Records, arc_records, sweep_and_angle
 
 SAGITTA = 0.04
 """Largest distance of a curve from its chords, in tolerances."""
@@ -111,9 +111,9 @@ class Arc:
             state[k] /= speed**k
         return state
 
-    def direction(self, part: float) -> Floats:
+    def direction(self, part: float) -> list[float]:
         """Return the direction (n,) at ``part`` of the sweep; its length is that of the arc."""
-        direction: Floats = self.end - self.start
+        direction = [b - a for a, b in zip(self.start.tolist(), self.end.tolist(), strict=True)]
         angle, radius = self.angle + part * self.sweep, self.radius + part * self.grown
         cosine, sine = math.cos(angle), math.sin(angle)
         direction[self.plane[0]] = self.grown * cosine - self.sweep * radius * sine
@@ -133,20 +133,24 @@ class Arc:
             sweep=(last - first) * self.sweep,
         )
 
-    def chords(self, tolerance: float) -> Floats:
-        """Return ends (m, n) of chords within SAGITTA tolerances of the arc, without its start."""
+    def chords(self, tolerance: float) -> int:
+        """Return the number of chords with which it is within SAGITTA tolerances of them."""
         largest = max(self.radius, self.radius + self.grown)
         # A chord over the angle h is at most |r''| h^2 / 8 away.
         bend = largest + 2.0 * abs(self.grown / self.sweep)
         most = min(math.sqrt(8.0 * SAGITTA * tolerance / bend), STEEPEST)
-        count = math.ceil(abs(self.sweep) / most)
-        part = np.arange(1, count + 1) / count
-        points: Floats = self.start + part[:, None] * (self.end - self.start)
+        return math.ceil(abs(self.sweep) / most)
+
+    def last_chord(self, count: int) -> list[float]:
+        """Return the last of so many chords, from its start to its end (n,)."""
+        part = (count - 1) / count
+        start, end = self.start.tolist(), self.end.tolist()
+        chord = [(1.0 - part) * (b - a) for a, b in zip(start, end, strict=True)]
         radius, angle = self.radius + part * self.grown, self.angle + part * self.sweep
-        points[:, self.plane[0]] = self.center[0] + radius * np.cos(angle)
-        points[:, self.plane[1]] = self.center[1] + radius * np.sin(angle)
-        points[-1] = self.end
-        return points
+        i, j = self.plane
+        chord[i] = end[i] - (self.center[0] + radius * math.cos(angle))
+        chord[j] = end[j] - (self.center[1] + radius * math.sin(angle))
+        return chord
 
     def bend(self, tolerance: float) -> float:
         """Return the part of the sweep that is left to the spline at an end."""
@@ -165,6 +169,30 @@ class Arc:
         )
 
 
+def chord_ends(arcs: Sequence[Arc], counts: Ints) -> Floats:
+    """Return the ends (sum, n) of the chords of arcs, without their starts.
+
+    Args:
+        arcs: the arcs.
+        counts: (arcs,): number of chords of each.
+    """
+    which = np.repeat(np.arange(len(arcs)), counts)
+    behind = np.cumsum(counts)
+    part = (np.arange(1, behind[-1] + 1) - np.repeat(behind - counts, counts)) / counts[which]
+    start = np.array([arc.start for arc in arcs])
+    end = np.array([arc.end for arc in arcs])
+    points: Floats = start[which] + part[:, None] * (end - start)[which]
+    circles = np.array([(arc.radius, arc.grown, arc.angle, arc.sweep, *arc.center) for arc in arcs])
+    r, grown, begin, sweep, x, y = circles.T
+    radius, angle = r[which] + part * grown[which], begin[which] + part * sweep[which]
+    first, second = np.array([arc.plane for arc in arcs]).T
+    row = np.arange(len(which))
+    points[row, first[which]] = x[which] + radius * np.cos(angle)
+    points[row, second[which]] = y[which] + radius * np.sin(angle)
+    points[behind - 1] = end
+    return points
+
+
 def arc_of(block: ArcFeed, position: Floats, frame: Frame) -> Arc | None:
     """Return the arc of a block from ``position`` (n,), or None if it is no member of a chain.
 
@@ -172,12 +200,12 @@ def arc_of(block: ArcFeed, position: Floats, frame: Frame) -> Arc | None:
         GcodeError: ``not-finite``.
     """
     end = np.array(block.end, np.float64)
-    numbers = [*end.tolist(), *block.center, block.radius, block.turns, block.feed]
-    check_finite(block, np.array(numbers))
+    there = end.tolist()
+    check_arc(block, there)
     first, second = PLANE_AXES[block.plane]
     i, j = frame.axes.index(first), frame.axes.index(second)
     x0, y0 = float(position[i]) - block.center[0], float(position[j]) - block.center[1]
-    x1, y1 = float(end[i]) - block.center[0], float(end[j]) - block.center[1]
+    x1, y1 = there[i] - block.center[0], there[j] - block.center[1]
     r0, r1 = math.hypot(x0, y0), math.hypot(x1, y1)
     if frame.classes[i] or frame.classes[j] or min(r0, r1) < LEAST_RADIUS:
         return None

@@ -118,6 +118,21 @@ def line_records(start: Floats, points: Floats, classes: Ints) -> Records:
     return Records(curve.LINE, rows * stride, data.reshape(-1), length)
 
 
+def line_record(start: list[float], end: list[float], classes: Ints) -> Records:
+    """Return the record of one straight move of axes that all have the class 0; see line_records.
+
+    ``start``, ``end`` (n,).
+    """
+    length = math.sqrt(sum((b - a) * (b - a) for a, b in zip(start, end, strict=True)))
+    head = (len(start), 0.0, length, length, *_metric_columns(classes.tobytes())[0].tolist(), 0.0)
+    return Records(
+        curve.LINE,
+        np.zeros(1, np.int64),
+        np.array((*head, *start, *end), np.float64),
+        np.array((length,)),
+    )
+
+
 def arc_records(
     start: Floats,
     end: Floats,
