@@ -154,10 +154,11 @@ def exact_path(
         axes: Letters of the machine's axes.
         start: Start position (axes,), mm.
     """
-    return build(_without_blends(blocks), axes=axes, start=start)
+    return build(without_blends(blocks), axes=axes, start=start)
 
 
-def _without_blends(blocks: Iterable[Block]) -> Iterator[Block]:
+def without_blends(blocks: Iterable[Block]) -> Iterator[Block]:
+    """Yield the blocks, with the exact path in place of the tolerance of G64."""
     for block in blocks:
         if isinstance(block, PathMode) and block.control == "blend":
             yield replace(block, control="exact-path", tolerance=0.0)

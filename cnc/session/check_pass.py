@@ -21,6 +21,7 @@ from cnc.model.blocks import (
 )
 from cnc.model.diagnostics import CncError
 from cnc.model.motion_commands import places_of
+from cnc.path.build import without_blends
 from cnc.path.chunk import PathChunk
 from cnc.report.blocks import BlockWriter
 from cnc.session.context import SessionContext, Stopwatch
@@ -57,12 +58,15 @@ class CheckPass:
         self._reader, self._report, self._observer = reader, report, context.observer
         self._capabilities, self._kernels = capabilities, needs
 
-    def run(self, target: BlockWriter | None, *, for_lines: bool) -> list[PathChunk | Block] | None:
+    def run(
+        self, target: BlockWriter | None, *, for_lines: bool, rounds: bool
+    ) -> list[PathChunk | Block] | None:
         """Check the whole program.
 
         Args:
             target: Where the blocks are written, or None.
             for_lines: Whether the board plans for itself: the path has no blends and is not kept.
+            rounds: Whether the path has the splines of G64. They take longer than the reading.
 
         Returns:
             The path. None if it is not to be kept, is too long, or may differ at the next reading.
@@ -75,6 +79,8 @@ class CheckPass:
             blocks = target.passed(blocks)
         if hints is not None:
             blocks = hints.passed(blocks)
+        if not rounds:
+            blocks = without_blends(blocks)
         counted = self._counted(blocks)
         path = program_path(reader, counted, for_lines=for_lines)
         for item in self.path_time.inside(path):

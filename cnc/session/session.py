@@ -387,7 +387,10 @@ class Session:
         return self._context.reader.place_of_pause(observer.pauses, observer.paused_at)
 
     def read(self) -> Report:
-        """Carry out the check pass alone: language and travel, and no plan."""
+        """Carry out the check pass alone: language and travel, and no plan.
+
+        The travel is that of the path as it is programmed, without the splines of G64.
+        """
         self._plans = False
         return self.run()
 
@@ -534,7 +537,7 @@ class Session:
             )
         try:
             with self._kernels.reading(reader.path):
-                kept = check.run(target, for_lines=for_lines)
+                kept = check.run(target, for_lines=for_lines, rounds=self._plans)
         finally:
             report.timing.parse_s = check.reading_time.seconds
             # Path building draws from the reader, so its time includes the reading time.

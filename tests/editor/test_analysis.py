@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from cnc import parse
+from cnc.api import check, from_text
 from cnc.editor.analysis import Settings, analysed
 from cnc.editor.changes import all_repaired, in_style, repairs
 from cnc.editor.document import Document
@@ -61,6 +62,17 @@ def test_errors_of_syntax_behind_the_first_error_are_found() -> None:
 
 def test_travel_is_checked() -> None:
     assert [code for code, *_ in found("G0 X5000\nM2\n")] == ["soft-limit"]
+
+
+def test_travel_is_that_of_the_path_as_programmed() -> None:
+    """A check compares the motion: the tolerance takes these ripples back inside the travel."""
+    ripples = "".join(
+        f"X{409.98 + 0.025 * (k % 2 if 9 < k < 50 else 0):.3f} Y{0.1 * k:.1f}\n"
+        for k in range(1, 59)
+    )
+    text = f"G21 G90 G64 P0.05\nG1 X409.98 Y0 F600\n{ripples}G0 X0 Y0\nM2\n"
+    assert {code for code, *_ in found(text)} == {"soft-limit"}
+    assert check(from_text(text)).faults == []
 
 
 def test_a_finding_of_a_subroutine_file_stands_at_the_top(tmp_path: Path) -> None:
