@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cnc.compiled.jit import interpreted
 from cnc.planner.audit import Audit
 from cnc.planner.corners import path_arrays
 from cnc.planner.kernels.corner_legs import LEG_STEPS
@@ -34,6 +35,8 @@ from cnc.planner.plan import (
     part,
     with_own_end,
 )
+
+_is_timed = interpreted(is_timed)
 
 BESIDE = 4.0 * INSTANT
 """s; a slice does not end so near to the end of a phase, but at it."""
@@ -243,7 +246,7 @@ class Finished:
         path = whole.plan.path
         if piece == 0:
             return whole.shared
-        timed = is_timed(int(path.kind[piece - 1]), path.data, int(path.at[piece - 1]))
+        timed = _is_timed(int(path.kind[piece - 1]), path.data, int(path.at[piece - 1]))
         return timed or bool(leaves_path(path_arrays(path), piece - 1))
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks import corners, holds
+from cnc.compiled.jit import interpreted
 from cnc.model.blocks import AnalogOutput, Held, PathMode
 from cnc.model.motion_commands import command_array
 from cnc.model.operator_control import Control
@@ -15,12 +16,12 @@ from cnc.path.kernels.arclength import curve_inv_arclen
 from cnc.path.kernels.curve import curve_eval
 from cnc.planner.audit import Audit
 from cnc.planner.finished import Finished, FinishedPart
+from cnc.planner.kernels import timed
 from cnc.planner.kernels.arrays import PHASE
 from cnc.planner.kernels.corner_legs import LEG_STEPS, STEPS
 from cnc.planner.kernels.corner_motion import fastest_motion
 from cnc.planner.kernels.corner_rows import new_rows
 from cnc.planner.kernels.corner_tube import Tube, set_knots
-from cnc.planner.kernels.timed import is_timed
 from cnc.planner.limits import Limits
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.phases import slice_end
@@ -29,6 +30,8 @@ from cnc.session.run_pulses import CommandsInMotion
 from tests.support.planner.corners import PER_AXIS, assert_legal, distances, duration
 from tests.support.planner.motions import AXES, lines, sampled
 from tests.support.soak import share
+
+is_timed = interpreted(timed.is_timed)
 
 SLICE = 0.02
 ZIGZAG = np.cumsum([(3.0, 0.0, 0.0), (1.0, 3.0, 0.0), (3.0, -1.0, 0.0), (0.0, -3.0, 1.0)], axis=0)
