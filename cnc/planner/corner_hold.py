@@ -384,5 +384,5 @@ def _with_clock(plan: PlanChunk, timed: _Timed, clock: Phases) -> PlanChunk:
         phase_s=np.append(phases["s"], plan.phase_s[-1]),
         phase_v=np.append(phases["v"], end_of(phases)[1]),
         phase_a=np.append(phases["a"], 0.0),
-        phase_j=phases["j"],
+        phase_j=phases["j"].copy(),
     )

@@ -37,6 +37,7 @@ from cnc.planner.corner_hold import stop_inside
 from cnc.planner.finished import ChainLeft
 from cnc.planner.kernels.slowed_clock import pace_wanted
 from cnc.planner.kernels.stopping import FAR, shortest_ramp
+from cnc.planner.kernels.timed import timed_motion
 from cnc.planner.known_path import KnownPath, junction_between
 from cnc.planner.limits import Limits
 from cnc.planner.lookahead import LookAhead
@@ -125,6 +126,7 @@ def stop() -> None:
     ramp_by_clock(plan, known, known, limits.arrays)
     time = float(plan["duration"].sum())
     copy_by_clock(plan, time, known, limits.arrays, 0.5 * pace_wanted(plan, known))
+    timed_motion(path.data, 0, np.ones((4, 3)), 1.0, 0.0, 0.0)
 
 
 def audit() -> None:

@@ -79,7 +79,8 @@ JOBS = {
         (
             "holds",
             "stop",
-            "planner.kernels.stopping planner.kernels.slowed_clock planner.kernels.corner_hold",
+            "planner.kernels.stopping planner.kernels.slowed_clock planner.kernels.corner_hold "
+            "planner.kernels.timed",
         ),
         ("samples", "sample", "pulses.kernels.sampled"),
         ("GRBL lines", "write_lines", "grbl_lines.kernels.arc_fit grbl_lines.kernels.arrival"),
