@@ -552,10 +552,11 @@ def cut(thread: ThreadSteps, turns_per_second: float) -> Iterator[Step]:
             yield Cut(at(start + direction * thread.taper, bottom), on_taper * turns_per_second)
         else:
             yield Rapid(at(start, bottom))
-            yield Synchronise(thread.pitch)
+        yield Synchronise(thread.pitch)
         straight_end = end - direction * thread.taper if thread.exit else end
         yield Cut(at(straight_end, bottom), thread.pitch * turns_per_second)
         if thread.exit:
+            yield Synchronise(on_taper)
             yield Cut(at(end, crest), on_taper * turns_per_second)
         yield Synchronise(0.0)
         yield Rapid(at(end, away))
