@@ -92,6 +92,8 @@ class Target:
             shared = shared | {G.G4}
         common = source.g & rules.g
         changed = {code.code for code in common} & (source.aliases.keys() | rules.aliases.keys())
+        # G20 and G21 get SINUMERIK's spelling where their lines are kept.
+        changed |= rules.spelled.keys() - {G.G20.code, G.G21.code}
         noted = source.noted.keys() | rules.noted.keys()
         changed |= {number for letter, number in noted if letter == "G"}
         kept = common - _FLOW_G if self.same_family else common & shared
