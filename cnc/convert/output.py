@@ -20,9 +20,13 @@ from cnc.model.diagnostics import Diagnostic, GcodeError
 
 MM_DIGITS, INCH_DIGITS = 5, 6
 """Decimals of positions."""
+PITCH_DIGITS = 9
+"""Decimals of the lead of a thread."""
 PLANE_CODES = {plane: code for code, plane in PLANES.items()}
 _CENTER = {"x": "I", "y": "J", "z": "K"}
 UNKNOWN: Any = "unknown"
+_SAME_LEAD = 1e-6
+"""Largest relative difference of a lead from the feed of its first move."""
 
 
 @dataclass
@@ -111,13 +115,17 @@ class Output:
         if not words:
             return
         if self.turning.pitch:
-            self._follow(mark, end, words)
+            self._follow(mark, end, feed, words)
             return
         code = G.G0 if math.isnan(feed) else G.G1
         if in_machine:
             if G.G53 not in self.target.rules.g:
                 raise self.cannot(mark, "the control has no machine coordinates (G53)", "")
             words.insert(0, f"G53 G{code.code:g}")
+            if self.turning.offset and self.target.lathe.offsets == "D":
+                # SINUMERIK's G53 keeps the offset of the tool.
+                words.append("D0")
+                self.turning.offset = 0
             self.state.motion = code
         elif self.state.motion != code:
             words.insert(0, f"G{code.code:g}")
@@ -127,15 +135,27 @@ class Output:
         self.put(" ".join(words))
         self.position = end
 
-    def _follow(self, mark: ExecutedLines, end: NDArray[np.float64], words: list[str]) -> None:
-        """Write a move that follows the spindle."""
-        turning = self.turning
-        if turning.is_cut:
-            hint = "write the thread as one move in each pass, without a chamfer at its end"
-            raise self.cannot(mark, "a thread in several moves begins anew with each", hint)
-        pitch = number(turning.pitch / self.state.scale, 9)
-        self.put(" ".join(["G33", *words, f"K{pitch}"]))
+    def _follow(
+        self, mark: ExecutedLines, end: NDArray[np.float64], feed: float, words: list[str]
+    ) -> None:
+        """Write a move that follows the spindle; further ones go on without a stop."""
+        turning, codes = self.turning, self.target.lathe
+        assert turning.spindle is not None
+        pitch = 60.0 * feed / turning.spindle.rpm
+        if not turning.is_cut:
+            if not math.isclose(pitch, turning.pitch, rel_tol=_SAME_LEAD):
+                hint = "write the thread as moves of constant leads (G32, G33)"
+                raise self.cannot(mark, "the lead of a thread changes from turn to turn", hint)
+            pitch = turning.pitch
+        x, z = (end - self.position)[[self.axes.index("x"), self.axes.index("z")]].tolist()
+        lead = codes.lead_word(pitch / self.state.scale, (x, z), PITCH_DIGITS)
+        if codes.lead != "K":
+            self.set_plane("ZX")
+        angle = "" if turning.is_cut else codes.angle_word(turning.angle)
+        self.put(" ".join(word for word in (codes.thread, *words, lead, angle) if word))
         turning.is_cut, self.state.motion, self.position = True, UNKNOWN, end
+        # F of a thread stays in effect as the feed.
+        self.state.feed = UNKNOWN
 
     def _radius(self, zero: NDArray[np.float64], end: NDArray[np.float64]) -> float:
         """Return the largest radius of a move to a position, mm."""

@@ -13,7 +13,6 @@ from typing import IO, Any
 
 import numpy as np
 
-from cnc.convert import turning
 from cnc.convert.curves import FitTo
 from cnc.convert.proof import (
     Differs,
@@ -23,6 +22,7 @@ from cnc.convert.proof import (
     with_other_systems,
 )
 from cnc.convert.target import Target, without_comments
+from cnc.convert.turning import SYSTEM, TARGETS
 from cnc.convert.writer import Notes, Writer
 from cnc.gcode import dialects
 from cnc.gcode.core.line_trace import LineTrace
@@ -129,10 +129,13 @@ def convert(
         CncError: A fault of the program; ``convert-cannot`` for what the control does not have;
             ``convert-differs`` if no text of the same motion was found.
     """
-    if machine.kind == "lathe" and to != turning.TARGET:
-        hint = f"convert it to {turning.TARGET}"
+    if machine.kind == "lathe" and to not in TARGETS:
+        hint = f"convert it to {', '.join(TARGETS)}"
         message = f"programs of lathes are not converted to {to}"
         raise UsageError(Diagnostic("convert-lathe", message, hint=hint))
+    if machine.kind == "lathe" and curves != "lines":
+        message = "short moves in programs of lathes stay lines"
+        raise UsageError(Diagnostic("convert-lathe", message, hint="leave out --curves"))
     name = display_name(program)
     with readable_file(program) as path, tempfile.NamedTemporaryFile(suffix=".nc") as file:
         conversion = _Conversion(
@@ -146,6 +149,14 @@ def convert(
             return replace(converted, text=Path(file.name).read_bytes())
         shutil.copyfileobj(file, into)
         return converted
+
+
+def _with_system(machine: Machine) -> Machine:
+    """Return a lathe with the G-code system and the diameters that results are written for."""
+    program = machine.program.model_copy(
+        update={"g_code_system": SYSTEM, "least_increments": False}
+    )
+    return machine.model_copy(update={"program": program, "diameters": None})
 
 
 class _Conversion:
@@ -167,7 +178,10 @@ class _Conversion:
         self._known: ProgramReader | None = None
         self._known = self._reader(path, self._dialect, 0, {})
         source = self._known.rules()
-        self._target = Target(dialects.load(to), source, is_lathe=machine.kind == "lathe")
+        is_lathe = machine.kind == "lathe"
+        self._of_result = _with_system(machine) if is_lathe else machine
+        rules = dialects.load(to, lathe=SYSTEM if is_lathe else None)
+        self._target = Target(rules, source, is_lathe=is_lathe)
         self._to = to
         if fit.curves == "nurbs" and not self._target.spline:
             message = f"{to} has no NURBS"
@@ -177,7 +191,7 @@ class _Conversion:
     def _reader(
         self, path: Path, dialect: DialectName, version: int, offsets: dict[int, float]
     ) -> ProgramReader:
-        machine = self._machine
+        machine = self._of_result if path == self._result_path else self._machine
         saved = SavedState(machine)
         saved.adopt(offsets)
         reader = ProgramReader(

@@ -127,11 +127,14 @@ class _Cursor:
     """Elements of one program, of which parts are taken."""
 
     def __init__(self, blocks: Iterable[Block], start: Floats, target: Target) -> None:
-        self._elements = Elements(start).of(blocks)
+        elements = Elements(start).of(blocks)
+        self._elements = _without_idle_speeds(elements) if target.is_lathe else elements
         self._target = target
         self._path: tuple[str, float] | None = None
         self._spindle: list[object] = []
         self._coolant: list[object] = []
+        self._tool: int | None = None
+        self._overrides = (True, True)
         self.position = start
         self.curves = 0
         self.current: Block | None = None
@@ -162,8 +165,15 @@ class _Cursor:
             return self._spindle != spindle
         if isinstance(element, End):
             return bool(self._target.ends())
+        if isinstance(element, Tool) and self._target.is_lathe:
+            # A turret does not turn to the tool that it has.
+            tool, self._tool = self._tool, element.number
+            return tool != element.number
         if isinstance(element, Overrides):
-            return 48 in self._target.rules.m
+            allowed = element.feed, element.spindle
+            if not self._target.has_overrides(*allowed) or self._overrides == allowed:
+                return False
+            self._overrides = allowed
         return not isinstance(element, Message)
 
     def take(self, count: int = 1) -> Block:
@@ -194,6 +204,23 @@ class _Cursor:
             state = self.current.mist, self.current.flood
             self._next()
         return state
+
+
+def _without_idle_speeds(elements: Iterable[Block]) -> Iterator[Block]:
+    """Yield elements without a speed of the spindle that the next one replaces at once.
+
+    FANUC's limit of the speed is a line of its own, which a turning spindle follows.
+    """
+    speed: Block | None = None
+    for element in elements:
+        turns = isinstance(element, Spindle) and element.state != "off"
+        if speed is not None and not turns:
+            yield speed
+        speed = element if turns else None
+        if not turns:
+            yield element
+    if speed is not None:
+        yield speed
 
 
 def distance(
@@ -259,8 +286,10 @@ def _change_with_stop(
     """Compare the turn of a turret with a change that stops the spindle and starts it again."""
     tool, first = one.take(), other.take()
     assert isinstance(first, Spindle)
-    wanted = (tool, turning)
-    for block in wanted:
+    restarted = one.current
+    at_once = isinstance(restarted, Spindle) and restarted.state != "off"
+    # A start at the old speed, which the new one replaces at once, is left out.
+    for block in (tool,) if at_once else (tool, turning):
         current = other.current
         if first.state != "off" or block is None or current is None:
             raise Differs(tool, first, f"{type(tool).__name__} became {type(first).__name__}")

@@ -5,7 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Container
 from dataclasses import dataclass, field
+from typing import cast
 
+from cnc.convert.turning import TARGETS, LatheCodes
 from cnc.gcode.core.coordinates import SYSTEM_CODES
 from cnc.gcode.core.modal_groups import GROUP_OF_G, GROUP_OF_M
 from cnc.gcode.dialects import Dialect
@@ -13,6 +15,7 @@ from cnc.gcode.reader.statements import Statement
 from cnc.gcode.reader.words import G, Word
 from cnc.grbl_lines.number_format import plain_text
 from cnc.model.blocks import PathControl
+from cnc.model.choices import TargetName
 
 # Codes that mean the same in every dialect that has them. The proof compares the motion; this table
 # is about what no block shows: a stored position, a memory of the control, an operator's action.
@@ -89,6 +92,8 @@ class Target:
             shared = shared | {G.G4}
         common = source.g & rules.g
         changed = {code.code for code in common} & (source.aliases.keys() | rules.aliases.keys())
+        # G20 and G21 get SINUMERIK's spelling where their lines are kept.
+        changed |= rules.spelled.keys() - {G.G20.code, G.G21.code}
         noted = source.noted.keys() | rules.noted.keys()
         changed |= {number for letter, number in noted if letter == "G"}
         kept = common - _FLOW_G if self.same_family else common & shared
@@ -163,8 +168,17 @@ class Target:
 
     @property
     def tool_change(self) -> bool:
-        """Whether the control has M6."""
-        return 6 in self.rules.m
+        """Whether the control changes tools: by M6, or by the T word of a turret."""
+        return self.is_lathe or 6 in self.rules.m
+
+    @property
+    def lathe(self) -> LatheCodes:
+        """The codes of the control's lathes."""
+        return TARGETS[cast(TargetName, self.rules.name)]
+
+    def has_overrides(self, feed: bool, spindle: bool) -> bool:
+        """Return whether the control has codes that allow these overrides."""
+        return (48 if feed == spindle else 50) in self.rules.m
 
     @property
     def spline(self) -> str:

@@ -21,7 +21,6 @@ from cnc.convert.curves import Curve, FitTo, Spline, curves_of, splines_of
 from cnc.convert.elements import Elements, Straights, size
 from cnc.convert.output import PLANE_CODES, UNKNOWN, Output
 from cnc.convert.target import Target, comments, number, without_comments
-from cnc.convert.turning import spindle_words
 from cnc.gcode.core.coordinates import EXTERNAL
 from cnc.gcode.core.line_trace import ExecutedLines, Offsets
 from cnc.gcode.core.modal_groups import PLAIN_MOTIONS, ModalState
@@ -55,6 +54,7 @@ _FEED_CODES = {"inverse-time": "G93", "per-minute": "G94", "per-revolution": "G9
 _PLACES = AXES | set("IJKR")
 _STORED = frozenset((G.G28_1, G.G30_1))
 _TAPPING = frozenset((G.G74, G.G84))
+_TAPPING_ON_LATHES = frozenset((G.G84, G.G88))
 _RETURNS = frozenset((G.G28, G.G30, G.G53))
 _STATED = {
     "scale": "units", "absolute": "distance", "plane": "plane", "feed_mode": "feed-mode",
@@ -496,8 +496,6 @@ class Writer:
         if mark.is_open and self.target.is_lathe and mark.modal.compensation != G.G40:
             text = "nose radius compensation is that of the radii in the tool table"
             self.notes.add("assumed", text, mark.line)
-        if statement is not None and self.target.is_lathe:
-            self._out.turning.take_tool(statement, self.target.source, mark.modal.tool)
         if statement is not None and statement.words and statement.words[0].letter == "N":
             self._out.label = statement.words[0].written.encode() + b" "
         self._write_elements(mark, elements)
@@ -520,6 +518,9 @@ class Writer:
                 raise self._out.cannot(mark, f"{word.written} stores a position of the machine", "")
         if statement.deletable:
             self.notes.add("assumed", "block delete is off: the line is always executed", mark.line)
+        if self.target.is_lathe and mark.modal.motion in _TAPPING_ON_LATHES:
+            text = "tapping becomes feeds and a spindle that turns back: the holder must give way"
+            self.notes.add("assumed", text, mark.line)
         if mark.modal.motion in _TAPPING and self.target.rules.name in ("grbl", "marlin"):
             hint = "tap by hand, or mill the thread"
             raise self._out.cannot(mark, "the spindle does not follow the feed: no tapping", hint)
@@ -543,14 +544,17 @@ class Writer:
         """Bring about G90, the units and the offsets for moves that are written."""
         state, offsets, has = self._out.state, mark.offsets, self.target.rules.g
         scale = mark.modal.scale
-        words = self._turning_words(mark) if self.target.is_lathe else []
+        is_lathe = self.target.is_lathe
+        words = self._turning_words(mark) if is_lathe else []
+        absolute = self.target.lathe.absolute if is_lathe else "G90"
         feed_mode = self._feed_mode(mark)
         if state.scale != scale and (units := self.target.units(scale)):
             words.append(units)
-        if state.absolute is not True:
-            words.append("G90")
+        if state.absolute is not True and absolute:
+            words.append(absolute)
         if state.feed_mode != feed_mode and G.G94 in has:
-            words.append(_FEED_CODES[feed_mode])
+            turns = feed_mode == "per-revolution"
+            words.append(self.target.lathe.feeds[turns] if is_lathe else _FEED_CODES[feed_mode])
             state.feed = UNKNOWN
         system = self._system_for(mark)
         if system != state.system and self.target.systems > 1:
@@ -561,18 +565,22 @@ class Writer:
             self._out.put(" ".join(words))
         if offsets.origin != self._origins[offsets.system]:
             self._write_origin(mark)
-        if self.target.is_lathe:
+        if is_lathe:
             self._write_turret_offset(mark)
         elif offsets.tool != self._out.tool and G.G43_1 in has:
             self._write_tool_length(mark)
 
     def _turning_words(self, mark: ExecutedLines) -> list[str]:
-        """Return G7 or G8 where the control does not have it."""
-        turning, diameter = self._out.turning, mark.modal.diameter
+        """Return the code of diameters or radii where the control does not have it."""
+        turning, codes = self._out.turning, self.target.lathe
+        diameter = mark.modal.diameter or not codes.radii
         if turning.diameter == diameter:
             return []
+        if codes.assumed:
+            self.notes.add("assumed", codes.assumed, mark.line)
         turning.diameter = diameter
-        return ["G7" if diameter else "G8"]
+        code = codes.diameters if diameter else codes.radii
+        return [code] if code else []
 
     def _feed_mode(self, mark: ExecutedLines) -> str:
         """Return the feed of written moves: per revolution if a lathe's spindle turns."""
@@ -582,12 +590,26 @@ class Writer:
 
     def _write_turret_offset(self, mark: ExecutedLines) -> None:
         """Write the offset of the tool that the program has in effect."""
+        turning, number = self._out.turning, mark.offsets.number
+        if number < 0:
+            hint = "enter the offset in the tool table, and choose it by its number"
+            raise self._out.cannot(mark, "the offset of the tool has no number", hint)
+        if turning.offset != number:
+            words = self.target.lathe.tool_offset(turning.tool, number)
+            self._put_offset(mark, words, number)
+        self._out.tool = mark.offsets.tool
+
+    def _put_offset(self, mark: ExecutedLines, words: str, number: int) -> None:
+        """Write words that put the offset of a tool into effect, or refuse an empty text."""
         turning = self._out.turning
-        if turning.offset != turning.wanted:
-            self._out.put(f"G43 H{turning.wanted}" if turning.wanted else "G49")
-            text = "the offsets of tools are those of the tool table of the control (G43)"
-            self.notes.add("assumed", text, mark.line)
-        turning.offset, self._out.tool = turning.wanted, mark.offsets.tool
+        if not words:
+            message = f"tool {turning.tool} with the offset {number} has no words here"
+            hint = "give the tool and its offset one number of two digits"
+            raise self._out.cannot(mark, message, hint)
+        self._out.put(words)
+        turning.offset = number
+        text = "the offsets of tools are those in the control's own memory"
+        self.notes.add("assumed", text, mark.line)
 
     def _system_for(self, mark: ExecutedLines) -> int:
         """Return the coordinate system for that of the program."""
@@ -822,19 +844,40 @@ class Writer:
     def _write_turning_event(self, mark: ExecutedLines, block: Block) -> bool:
         """Write an action that a lathe has in its own way, or return False."""
         match block:
+            case Spindle() if self._out.turning.pitch:
+                text = "the spindle turns back within a move that follows it (tapping)"
+                hint = "write the tapping cycle of the control in its place"
+                raise self._out.cannot(mark, text, hint)
             case Spindle(with_motion=False) if block.state != "off":
                 self._write_spindle(mark, block)
             case SpindleSync(pitch=pitch, angle=angle):
-                if angle:
+                if angle and not self.target.lathe.start_angle[0]:
                     text = "a thread begins at the index of the spindle"
                     hint = "begin it farther back by this share of the lead"
                     raise self._out.cannot(mark, text, hint)
-                self._out.turning.pitch, self._out.turning.is_cut = pitch, False
-            case Overrides(feed=feed, spindle=spindle) if feed == spindle:
-                self._out.put("M48" if feed else "M49")
+                turning = self._out.turning
+                turning.pitch, turning.angle, turning.is_cut = pitch, angle, False
+            case Tool(change=True) if not self.target.lathe.tool_change:
+                self._turn_turret(mark, block)
+            case Overrides(feed=feed, spindle=spindle) if self.target.has_overrides(feed, spindle):
+                if feed == spindle:
+                    self._out.put("M48" if feed else "M49")
+                else:
+                    self._out.put(f"M50 P{feed:d}")
+                    self._out.put(f"M51 P{spindle:d}")
             case _:
                 return False
         return True
+
+    def _turn_turret(self, mark: ExecutedLines, block: Tool) -> None:
+        """Write the T word of a tool, with the offset that is most likely the next one."""
+        turning, number = self._out.turning, max(mark.offsets.number, 0)
+        turning.tool = self._out.state.tool = block.number
+        offset = number if number != turning.offset else block.number
+        words = self.target.lathe.tool(block.number, offset)
+        if not words:
+            words, offset = self.target.lathe.tool(block.number, 0), 0
+        self._put_offset(mark, words, offset)
 
     def _write_spindle(self, mark: ExecutedLines, block: Spindle) -> None:
         """Write the start of a lathe's spindle, a surface speed in m/min or feet/min."""
@@ -845,8 +888,13 @@ class Writer:
         if block.surface_speed and self._out.state.scale != scale:
             self._out.put(self.target.units(scale))
             self._out.state.scale = scale
-        self._out.put(spindle_words(block, scale))
-        self._out.turning.spindle = block
+        turning, codes = self._out.turning, self.target.lathe
+        if turning.limit and block.surface_speed and not block.rpm:
+            hint = "give each G96 its highest speed"
+            raise self._out.cannot(mark, "the highest speed of an earlier line stays", hint)
+        for line in codes.spindle(block, turning.limit, scale):
+            self._out.put(line)
+        turning.spindle, turning.limit = block, codes.limit_after(block, turning.limit)
 
     def _write_coolant(self, block: Coolant) -> None:
         if (
@@ -865,6 +913,7 @@ class Writer:
     def _write_tool(self, mark: ExecutedLines, block: Tool) -> None:
         if self.target.tool_change:
             self._out.put(f"T{block.number} M6")
+            self._out.turning.tool = block.number
             if self._out.turning.spindle is not None:
                 # M6 stops the spindle, which goes on turning behind a turret.
                 self._write_spindle(mark, self._out.turning.spindle)

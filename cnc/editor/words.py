@@ -153,7 +153,8 @@ def codes(rules: Dialect, machine: Machine | None, begin: int = 0) -> Iterator[C
     """Yield the codes of a dialect with their meaning; those without effect come last."""
     if rules.flavour == "klartext":
         return
-    numbers = [("G", code / 10) for code in sorted(rules.g) if code >= 0]
+    own = (code / 10 for code in sorted(rules.g) if code >= 0)
+    numbers = [("G", code) for code in own if code not in rules.spelled]
     numbers += [("G", number) for number in rules.aliases if ("G", number) not in numbers]
     numbers += [("M", float(code)) for code in sorted(rules.m)]
     if machine is not None:

@@ -79,7 +79,8 @@ class SimpleJob(BaseModel, ABC):
             yield f"(T{self.tool} D={_n(self.diameter)} - {self.tool_kind})"
         # G49: a length of the tool table would count a second time.
         yield "(Set Z 0 with this tool. No tool length of a table is used)"
-        yield " ".join(code.name for code in FIRST_CODES if code in dialect.g)
+        first = [code for code in FIRST_CODES if code in dialect.g]
+        yield " ".join(dialect.spelled.get(code.code, [code.name])[-1] for code in first)
         if self.tool:
             yield f"T{self.tool} M6"
         yield f"S{_n(self.speed)} M3"

@@ -596,10 +596,13 @@ def test_a_refused_program_leaves_the_old_file(tmp_path: Path) -> None:
     assert sorted(tmp_path.iterdir()) == [file, out]
 
 
-def test_programs_of_lathes_are_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("to", "curves"), [("grbl", "lines"), ("siemens", "nurbs")])
+def test_boards_and_curves_are_not_for_lathes(
+    to: TargetName, curves: Curves, tmp_path: Path
+) -> None:
     file = tmp_path / "a.nc"
     file.write_text("G0 X1\nM30\n")
     lathe = MACHINE.model_copy(update={"kind": "lathe"})
     with pytest.raises(CncError) as refused:
-        programs.convert(str(file), lathe, None, "grbl")
+        programs.convert(str(file), lathe, None, to, curves=curves)
     assert refused.value.diagnostic.code == "convert-lathe"

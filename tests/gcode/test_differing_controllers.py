@@ -58,9 +58,10 @@ ENDS = [
     # Units and feeds.
     (("auto", "mach3", "siemens"), "G70 G90\nG0 X1. Y1.", [25.4, 25.4, 0]),
     (("auto", "mach3", "siemens"), "G71 G90\nG0 X1. Y1.", [1, 1, 0]),
-    (("auto", *NGC, "grbl", *MACRO_B, "siemens"), "G20 G90\nG0 X1. Y1.", [25.4, 25.4, 0]),
+    (("auto", *NGC, "grbl", *MACRO_B), "G20 G90\nG0 X1. Y1.", [25.4, 25.4, 0]),
     # G53 under G91 is absolute, where a controller takes it.
-    (("auto", "grbl", "mach3", "siemens"), "G21 G91\nG0 X5.\nG0 X5.\nG53 G0 X3.", [3, 0, 0]),
+    (("auto", "grbl", "mach3"), "G21 G91\nG0 X5.\nG0 X5.\nG53 G0 X3.", [3, 0, 0]),
+    (("siemens",), "G71 G91\nG0 X5.\nG0 X5.\nG53 G0 X3.", [3, 0, 0]),
     # After G80 the move before the cycle.
     (("auto", *MACRO_B), f"{MM}G1 X1. F100\nG81 X5. Z-3. R2.\nG80\nX9.", [9, 0, 2]),
 ]  # fmt: skip
@@ -156,13 +157,15 @@ def test_r_of_an_arc_comes_before_its_centre_for_fanuc() -> None:
 )  # fmt: skip
 def test_the_time_of_a_dwell(dialect: Any, word: str, seconds: float) -> None:
     end = "" if dialect == "marlin" else "M30"
-    blocks = run(f"{MM}G4 {word}\n{end}", dialect=dialect)
+    units = "G71 G90\n" if dialect == "siemens" else MM
+    blocks = run(f"{units}G4 {word}\n{end}", dialect=dialect)
     assert [block.seconds for block in blocks if isinstance(block, Dwell)] == [seconds]
 
 
 @pytest.mark.parametrize("dialect", ["auto", "linuxcnc", "grbl", "fanuc", "haas", "siemens"])
 def test_a_negative_radius_is_more_than_half_a_turn(dialect: Any) -> None:
-    blocks = run(f"{MM}G2 X10. Y0. R-6. F100\nM30", dialect=dialect)
+    units, radius = ("G71 G90\n", "CR=-6") if dialect == "siemens" else (MM, "R-6.")
+    blocks = run(f"{units}G2 X10. Y0. {radius} F100\nM30", dialect=dialect)
     arc = next(block for block in blocks if isinstance(block, ArcFeed))
     # Chord 10 and radius 6: the centre is sqrt(36 - 25) above the chord, on the way clockwise.
     assert arc.center == pytest.approx((5, 11**0.5), abs=1e-9)

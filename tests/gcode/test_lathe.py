@@ -421,6 +421,18 @@ def test_a_start_angle_inside_of_a_thread_has_a_warning() -> None:
 
 
 @pytest.mark.parametrize(
+    ("line", "action"), [("X48. Z-24. M8", "coolant false true"), ("X48. Z-24. S500", "spindle")]
+)
+def test_a_code_between_the_moves_of_a_thread_begins_it_anew(line: str, action: str) -> None:
+    """The machine waits for the action: a thread that went on would be out of step."""
+    source = f"G32 Z-20. F2.\n{line}\nG0 X60."
+    assert warnings_of(source) == ["thread-interrupted"]
+    first, _, end, between, again, *_ = summaries(START + source)[2:]
+    assert (first, end, again.split()[0]) == ("sync 2", "sync 0", "sync")
+    assert between.startswith(action)
+
+
+@pytest.mark.parametrize(
     ("source", "expected"),
     [
         (

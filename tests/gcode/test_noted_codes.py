@@ -79,7 +79,7 @@ def test_a_check_continues_without_the_relays_of_haas(code: str) -> None:
 def test_linuxcncs_codes_are_a_builders_on_other_controls(dialect: str, code: str) -> None:
     """FANUC's own are M0 to M2, M30, M98, M99. SINUMERIK's M70 makes a spindle an axis."""
     rules = dialects.load(dialect, lenient=True)
-    found = error_of(f"G21\n{code}\nG0 X1.\nM30", dialect=rules)
+    found = error_of(f"G90\n{code}\nG0 X1.\nM30", dialect=rules)
     assert found.code in ("code-unknown", "code-not-in-dialect", "code-not-supported")
     assert f'[program.codes] {code} = ".."' in found.hint
     warned = ReadingPolicy(unknown_codes="warn")

@@ -144,3 +144,30 @@ def test_an_error_in_a_value_names_the_line() -> None:
     divisions = "".join(f"G0 X={n}.5/R0\n" for n in range(3))
     found = error_of(f"R0=1\n{divisions}R0=0\n  G0 X=9.5/R0\nM30", dialect="siemens")
     assert (found.code, found.line, found.column) == ("division-by-zero", 6, 11)
+
+
+@pytest.mark.parametrize("loops", [False, True])
+@pytest.mark.parametrize(
+    ("line", "column", "code", "advice"),
+    [
+        ("G2 X10 Y10 R300.", 12, "code-not-supported", "CR=300."),
+        ("G3 X10 Y10 R-10 F100", 12, "code-not-supported", "CR=-10"),
+        ("g2 x10 y10 r10 ; arc", 12, "code-not-supported", "CR=10"),
+        ("R5", 1, "code-not-supported", "R5=.."),
+        ("G1 X1 G21", 7, "code-not-in-dialect", "G71 or G710"),
+        ("G20", 1, "code-not-in-dialect", "G70 or G700"),
+        ("G43 Z5", 1, "code-not-in-dialect", "D1"),
+        ("G49", 1, "code-not-in-dialect", "D0"),
+        ("G61.1", 1, "code-not-in-dialect", "G60"),
+        ("G54.1 P2", 1, "code-not-in-dialect", "G505"),
+    ],
+)
+def test_words_of_other_controls_are_refused_with_the_word_in_their_place(
+    line: str, column: int, code: str, advice: str, loops: bool
+) -> None:
+    """Siemens, Programming Manual, Fundamentals: list of the G commands, CR=, R parameters."""
+    plain = "G1 F100 X1 Y1\nX2\nX3\nX4"
+    source = f"R9=0\nWHILE R9<3\n{plain}\n{line}\nR9=R9+1\nENDWHILE\nM30"
+    found = error_of(source if loops else f"{plain}\n{line}\nX5\nX6\nM30", dialect="siemens")
+    assert (found.code, found.line, found.column) == (code, 7 if loops else 5, column)
+    assert advice in found.hint

@@ -93,6 +93,16 @@ THREADS = {
         "G33 Z-5 X44 K2 SF=0\nZ-15 K2\nG0 X50",
         ["sync 2.039608", "line 22 -5 F1223.764683", "line 22 -15 F1200", "sync 0", "rapid 25 -15"],
     ),
+    "on a cone of 45 degrees the lead is along either axis": (
+        "G33 X50 Z0 I2\nG0 Z5\nG33 X60 Z0 K2",
+        ["sync 2.828427", "line 25 0 F1697.056275", "sync 0", "rapid 25 5"]
+        + ["sync 2.828427", "line 30 0 F1697.056275", "sync 0"],
+    ),
+    "plain moves behind the thread end it": (
+        "G33 Z-5 K1\nG1 Z-6 F0.1\nZ-7\nZ-8",
+        ["sync 1", "line 20 -5 F600", "sync 0"]
+        + ["line 20 -6 F60", "line 20 -7 F60", "line 20 -8 F60"],
+    ),
     "F stays the feed": (
         "G1 Z4 F0.2\nG33 Z-5 K1\nG1 Z-6",
         ["line 20 4 F120", "sync 1", "line 20 -5 F600", "sync 0", "line 20 -6 F120"],

@@ -10,6 +10,7 @@ from cnc.boards.loopback import Loopback
 from cnc.machine.models import Machine
 from cnc.model.blocks import Dwell, End
 from cnc.model.streams import PulseChunk
+from cnc.session.options import RunOptions
 from tests.support.paths import ROOT
 from tests.support.programs.random_programs import random_program
 from tests.support.soak import share
@@ -76,3 +77,16 @@ def test_a_random_program_takes_as_long_as_estimated(seed, tmp_path):
     file = tmp_path / "p.nc"
     file.write_text(random_program(seed))
     held(file, load_machine("default"))
+
+
+def test_a_thread_in_two_moves_takes_the_time_of_one(tmp_path: Path) -> None:
+    """A rest between the moves would shift the second one against the spindle."""
+    begin, end = "G21 G18 G97 S600 M3\nG0 X40 Z5\n", "\nG0 X60\nM2\n"
+    durations = []
+    for moves in ("G33 Z-30 K2", "G33 Z-20 K2\nZ-30 K2"):
+        file = tmp_path / "thread.ngc"
+        file.write_text(begin + moves + end)
+        machine = load_machine(ROOT / "config" / "lathe.toml")
+        report = check(file, machine, RunOptions(dialect="linuxcnc"))
+        durations.append(report.duration_s)
+    assert durations[1] == pytest.approx(durations[0], abs=1e-6)

@@ -172,9 +172,9 @@ def test_the_turned_thread():
     """M20 x 1.5: the tool ends 0.92 mm inside the radius of 10, every pass at 1.5 mm a turn along
     Z.
     """
-    assert max(block.pitch for block in of(SpindleSync, "turned-thread.nc")) == pytest.approx(
-        1.5 * np.hypot(1.5, 0.92) / 1.5
-    )
+    assert {block.pitch for block in of(SpindleSync, "turned-thread.nc")} == {0.0, 1.0, 1.5}
+    feeds = np.concatenate([run.feeds for run in of(Polyline, "turned-thread.nc")])
+    assert np.nanmax(feeds) == pytest.approx(15.0 * np.hypot(1.5, 0.92) / 1.5)
     straight = [
         (point[0], feed)
         for run in of(Polyline, "turned-thread.nc")

@@ -74,6 +74,8 @@ class BuilderCodes(Executor):
         found: list[ExtraCode] = []
         if self._dialect.tools.edges:
             _activate_edge(words)
+        if self._dialect.spelled:
+            self._refuse_spelled(words)
         if self._dialect.aliases:
             words.g[:] = [self._meant(word, words) for word in words.g]
         if self._dialect.lines.last_of_group and len(words.g) > 1:
@@ -133,6 +135,18 @@ class BuilderCodes(Executor):
             message = f"{word.written}: the machine has no {letter} axis for the extruder"
             hint = f"E follows the path on a machine file with [axes.{letter.lower()}]"
             self._here.report_warning("axis-idle", message, word, hint)
+
+    def _refuse_spelled(self, words: LineWords) -> None:
+        """Refuse the codes by which other words of the control are executed.
+
+        Raises:
+            GcodeError: ``code-not-in-dialect``.
+        """
+        for word in words.g:
+            meant = self._dialect.spelled.get(word.number)
+            if meant and word.written[:1] in "Gg":
+                message = f"{word.written} is not in the {self._dialect.name} dialect"
+                raise fault("code-not-in-dialect", message, word, f"write {' or '.join(meant)}")
 
     def _meant(self, word: Word, words: LineWords) -> Word:
         """Return the code that a number of this dialect stands for."""

@@ -182,7 +182,7 @@ class CompensationCodes(MotionCodes):
             hint = "it would change the length of the tool, too, which is not supported"
             raise fault("tool-offset-other", message, word, hint)
         if self._dialect.turning.lathe:
-            number = number or self._tools.turret_offset
+            number = number or self._tools.offset_number
         elif self._dialect.tools.memory:
             self._offset = number if word else self._offset
             number = self._offset

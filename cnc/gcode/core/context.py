@@ -12,7 +12,7 @@ from cnc.gcode.core.modal_groups import ModalState, ReadingPolicy
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.reader.parameters import Parameters
 from cnc.gcode.reader.words import Word, fault
-from cnc.model.blocks import Overrides, PathMode
+from cnc.model.blocks import Overrides, PathMode, SpindleSync
 
 
 @dataclass(slots=True)
@@ -28,6 +28,7 @@ class Context:
         parameters: The parameters of the program.
         coordinates: The coordinate systems.
         unused_words: Collects words without effect.
+        follows: Whether the moves follow the spindle now.
     """
 
     dialect: Dialect
@@ -38,17 +39,45 @@ class Context:
     parameters: Parameters
     coordinates: Coordinates
     unused_words: UnusedWords
+    follows: bool = False
+    _suspended: int = 0
 
     @contextmanager
     def exact_path(self) -> Iterator[None]:
         """Suspend G64: holes and threads need the exact path."""
-        file, line, state = self.here.file, self.here.line, self.state
-        blending = state.path == "blend"
-        if blending:
-            self.out.add(PathMode(file, line, "exact-path"))
+        self._suspend_blending()
         yield
-        if blending:
-            self.out.add(PathMode(file, line, "blend", state.tolerance))
+        self._resume_blending()
+
+    def _suspend_blending(self) -> None:
+        if self.state.path == "blend" and not self._suspended:
+            self.out.add(PathMode(self.here.file, self.here.line, "exact-path"))
+        self._suspended += 1
+
+    def _resume_blending(self) -> None:
+        self._suspended -= 1
+        if self.state.path == "blend" and not self._suspended:
+            mode = PathMode(self.here.file, self.here.line, "blend", self.state.tolerance)
+            self.out.add(mode)
+
+    def follow_spindle(self, pitch: float, angle: float = 0.0) -> None:
+        """Begin moves that follow the spindle. Those that follow it already go on without a stop.
+
+        Args:
+            pitch: mm a turn along the first move.
+            angle: Angle of the spindle at which it begins, degrees.
+        """
+        if not self.follows:
+            self._suspend_blending()
+            self.out.add(SpindleSync(self.here.file, self.here.line, pitch, angle))
+            self.follows = True
+
+    def end_follow(self) -> None:
+        """End the moves that follow the spindle, if there are any."""
+        if self.follows:
+            self.out.add(SpindleSync(self.here.file, self.here.line, 0.0))
+            self.follows = False
+            self._resume_blending()
 
     def add_overrides(self, *, feed: bool = True, spindle: bool = True) -> None:
         """Add the overrides that the program allows, without those that a cycle disables."""

@@ -28,7 +28,6 @@ from cnc.model.blocks import (
     Orient,
     Plane,
     Spindle,
-    SpindleSync,
     Stop,
 )
 
@@ -246,6 +245,11 @@ class CycleRunner(MotionCodes):
                         motion.traverse(plane.place(to))
                     case Cut(to, feed):
                         motion.feed_to(plane.place(to), feed)
+                    case Synchronise(0.0):
+                        context.end_follow()
+                    case Synchronise(pitch):
+                        # Another pitch within a thread is that of the feed: nothing stops.
+                        context.follow_spindle(pitch)
                     case SetOverrides(overrides, spindle):
                         context.add_overrides(feed=overrides, spindle=overrides or not spindle)
                     case _:
@@ -263,8 +267,6 @@ class CycleRunner(MotionCodes):
                 return Orient(file, line, 0.0)
             case OperatorStop():
                 return Stop(file, line)
-            case Synchronise(pitch):
-                return SpindleSync(file, line, pitch)
         raise AssertionError(step)
 
     def _spindle(self, turn: TurnSpindle) -> Spindle:

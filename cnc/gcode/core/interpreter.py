@@ -124,6 +124,10 @@ def _state_at_start(dialect: Dialect, policy: ReadingPolicy) -> ModalState:
     return state
 
 
+_WITHIN_THREADS = frozenset(
+    ("motion", "distance", "arc-distance", "units", "plane", "feed-mode", "diameter")
+)
+"""Groups of codes beside which a thread goes on: they only change the meaning of words."""
 MOST_PREPARED = 8192
 """Prepared statements that are kept."""
 
@@ -279,8 +283,7 @@ class Interpreter:
             raise self.motion.corners.fault("the end of the program")
         if self.motion.collector:
             self.motion.collector.end("the program ends before the curve is complete")
-        if self.turning_cycles is not None:
-            self.turning_cycles.moves.end_follow()
+        self.context.end_follow()
         self.compensation_codes.off()
         self.unused_words.end()
         self.out.flush()
@@ -318,6 +321,7 @@ class Interpreter:
             and motion.collector is None
             and not self.coordinates.turned
             and motion.length_change is None
+            and not self.context.follows
             and self.motion.polar.plane is None
             and self.motion.corners.corner is None
             and self.out.map_move is None
@@ -375,8 +379,8 @@ class Interpreter:
             assert self.virtual_axis is not None
             self.virtual_axis.check(words, codes)
         moving = self.feed_codes.moving = self.motion.check(words, codes)
-        if self.turning_cycles is not None and moving not in turning.FOLLOWING:
-            self.turning_cycles.moves.end_follow()
+        if self.context.follows and not self._goes_on(moving, words, codes):
+            self.context.end_follow()
         explicit = codes.get("motion")
         if len(codes) == (explicit is not None):
             self.feed_codes.feed(words, codes)
@@ -398,6 +402,21 @@ class Interpreter:
             self.probing.alarm(code)
         if code := codes.get("stop"):
             self.stop(code)
+
+    def _goes_on(self, moving: G | None, words: LineWords, codes: Codes) -> bool:
+        """Return whether a line goes on with the thread of the line before."""
+        if moving not in turning.FOLLOWING:
+            return False
+        word = next((words.rest[letter] for letter in "ST" if letter in words.rest), None)
+        if word is None:
+            word = next(
+                (code.word for group, code in codes.items() if group not in _WITHIN_THREADS), None
+            )
+        if word is not None:
+            message = f"{word.written} between moves of a thread: the thread begins anew"
+            hint = f"write {word.written} before the first move of the thread"
+            self.here.report_warning("thread-interrupted", message, word, hint)
+        return word is None
 
     def _stops_after(self, codes: Codes) -> bool:
         """Return whether the line has an M5 that takes effect behind its move."""

@@ -283,7 +283,11 @@ class LineMachine:
             dialect = interpreter.dialect
             actions = {**_ACTIONS, **dict.fromkeys(idle, kernel.IDLE)}
             for code, action in actions.items():
-                meant = code.code in dialect.aliases or ("G", code.code) in dialect.noted
+                meant = (
+                    code.code in dialect.aliases
+                    or code.code in dialect.spelled
+                    or ("G", code.code) in dialect.noted
+                )
                 if code in dialect.g and not meant:
                     found[code] = action
         return found

@@ -30,6 +30,7 @@ class Offsets(NamedTuple):
         origin: Its origin.
         external: FANUC's offset of all systems.
         tool: Length of the tool.
+        number: Number of the tool whose length it is; 0 for none, -1 for values without a number.
         shift: The shift of G92.
         local: The local offset of G52 and of programmable frames.
         turned: Whether scaling, mirroring or rotation make it more than a sum.
@@ -39,12 +40,13 @@ class Offsets(NamedTuple):
     origin: tuple[float, ...]
     external: tuple[float, ...]
     tool: tuple[float, ...]
+    number: int
     shift: tuple[float, ...]
     local: tuple[float, ...]
     turned: bool
 
     @classmethod
-    def of(cls, coordinates: Coordinates) -> Offsets:
+    def of(cls, coordinates: Coordinates, number: int) -> Offsets:
         """Return the offsets in effect."""
         origin, external, shift, local = coordinates.parts()
         return cls(
@@ -52,6 +54,7 @@ class Offsets(NamedTuple):
             tuple(origin),
             tuple(external),
             tuple(coordinates.tool_offset),
+            number,
             tuple(shift),
             tuple(local),
             coordinates.turned,
@@ -135,7 +138,7 @@ class LineTrace:
             text,
             statement,
             copy(interpreter.modal),
-            Offsets.of(interpreter.coordinates),
+            Offsets.of(interpreter.coordinates, interpreter.tool_codes.offset_number),
             motion.compensation.active
             or motion.collector is not None
             or motion.corners.corner is not None,

@@ -35,7 +35,7 @@ class ToolCodes(MotionCodes):
         state: The modal state.
         motion: The moves.
         table: The tool table.
-        turret_offset: Number of the offset in effect on a lathe; 0 for none.
+        offset_number: Number of the offset in effect; 0 for none, -1 for values without a number.
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class ToolCodes(MotionCodes):
         self._zero_without_table = motion.context.policy.tool_lengths == "zero"
         self._zero_reported = False
         self._spindle_reported = False
-        self.turret_offset = 0
+        self.offset_number = 0
         self._last_h = 0
         self._length_code: G | None = None
         self.motion = motion
@@ -73,6 +73,8 @@ class ToolCodes(MotionCodes):
         if self._dialect.tools.own_offsets:
             self.motion.length_change = None
         self._length_code = None if number == G.G49 else number
+        if number == G.G49:
+            self.offset_number = 0
         if number == G.G49 and (self._dialect.tools.memory or self._dialect.lenient):
             self._take_zero(words)
         if number == G.G49 and not (any(self._coordinates.tool_offset) or self._tip.active):
@@ -103,6 +105,8 @@ class ToolCodes(MotionCodes):
             offset = self._of_h(words, at)
             if number == G.G44:
                 offset = [-value for value in offset]
+        if number in (G.G43_1, G.G43_2, G.G44):
+            self.offset_number = -1
         # Where G43.4 is a length code, the others end its control. LinuxCNC keeps its kinematics.
         self._note_change(offset)
         stays = G.G43_4 not in self._dialect.g and self._tip.active
@@ -157,6 +161,7 @@ class ToolCodes(MotionCodes):
             nothing = [0.0] * len(self.motion.axes)
             self._note_change(nothing)
             self._tip.set_offset(nothing, word, on=False, vectors=False)
+            self.offset_number = 0
         self._last_h = whole(words.rest.pop("H"), "the offset number", 0, MAX_TOOL)
 
     def _axis_words(self, words: LineWords, user: str, at: Word) -> dict[int, float]:
@@ -209,6 +214,7 @@ class ToolCodes(MotionCodes):
             number = self._last_h
         else:
             self._last_h = number
+        self.offset_number = number
         if number == 0:
             return [0.0] * len(self.motion.axes)
         entry = self.entry(number, word or at)

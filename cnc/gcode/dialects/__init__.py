@@ -71,6 +71,7 @@ class Dialect:
     variables: VariableNumbers
     noted: Mapping[tuple[str, float], NotedCode]
     aliases: Mapping[float, Alias]
+    spelled: Mapping[float, list[str]]
 
     @property
     def systems(self) -> int:
@@ -265,6 +266,7 @@ def _dialect(name: str, table: dict[str, Any]) -> Dialect:
             float(code): Alias(float(meant["is"]), meant.get("word", ""), meant.get("without", ""))
             for code, meant in table["aliases"].items()
         },
+        spelled={float(code): words for code, words in table["spelled"].items()},
     )
 
 

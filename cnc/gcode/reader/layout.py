@@ -33,7 +33,8 @@ _KINDS = {
     ),
 }  # fmt: skip
 _SINUMERIK_KINDS = {
-    "LETTER": kernel.LETTER, "NUMBER": kernel.NUMBER, "SIGN": kernel.SIGN,
+    "LETTER": kernel.LETTER, "PARAMETER": kernel.LETTER, "NUMBER": kernel.NUMBER,
+    "SIGN": kernel.SIGN,
     "COMMENT": kernel.REMARK, "TAIL": kernel.REMARK,
 }  # fmt: skip
 _KLARTEXT_KINDS = {

@@ -32,7 +32,7 @@ _TERMINALS = {
     **dict.fromkeys(
         (
             "LETTER", "SIGN", "SLASH", "TIMES", "POWER", "COMPARE", "LOGIC", "FUNCTION", "ATAN",
-            "PLAIN", "CONDITION", "CALL", "RESULT", "RADIUS", "AND", "XOR", "OR",
+            "PLAIN", "CONDITION", "CALL", "RESULT", "RADIUS", "PARAMETER", "AND", "XOR", "OR",
         ),
         kernel.KEY,
     ),

@@ -54,6 +54,7 @@ FIRST_NAMED_TOOL, MOST_NAMED_TOOLS = 90_000, 10_000
 MOST_CALLS = 9999
 """Most repeats of a call."""
 _NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)")
+_RADIUS = re.compile(r"(?<![A-Z_$])R *[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)", re.IGNORECASE)
 _LABEL = re.compile(r"[A-Z_][A-Z0-9_]+")
 _FRAME = re.compile(r"A?(TRANS|ROT|SCALE|MIRROR)")
 _DISTANCE = re.compile(r"(?<![A-Z])G9([01])(?![0-9])", re.IGNORECASE)
@@ -145,7 +146,19 @@ class Lines(ExpressionRules):
         self._loose: list[tuple[Node, str]] = []
 
     def refused(self, place: int, wanted: frozenset[str]) -> GcodeError:
-        """Return the error at the place where the line does not go on as its grammar says."""
+        """Return the error at the place where the line does not go on as its grammar says.
+
+        R and a number are a parameter, which needs =; the radius of an arc is CR. Source: Siemens,
+        "SINUMERIK 840D sl/828D Programming Manual, Fundamentals", "Circular interpolation with
+        radius and end point", "Arithmetic parameters".
+        """
+        for match in _RADIUS.finditer(self._text):
+            if match.start() < place and not self._text[match.end() : place].strip():
+                written = squeezed(match[0])
+                hint = f"write CR={written[1:]} for the radius of an arc"
+                if written[1:].isdigit():
+                    hint += f", or {written}=.. for a parameter"
+                return not_supported(f"{written} without =", match.start(), match.end(), hint)
         return describe(self._text, place, wanted)
 
     def number(self, begin: int, end: int, value: float) -> Node:
@@ -451,7 +464,7 @@ class Lines(ExpressionRules):
             return []
         if name in tables["codes"]:
             code = tables["codes"][name]
-            made = [_Word(Word(code[0], float(code[1:]), code, column, length), None)]
+            made = [_Word(Word(code[0], float(code[1:]), name, column, length), None)]
             return [*made, self._diameter(item)] if name == "TRACYL" else made
         if name == "BSPLINE":
             return [_Word(Word(name, 1.0, name, column, length), None)]

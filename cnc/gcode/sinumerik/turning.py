@@ -438,7 +438,7 @@ class _Threads:
         for z, x, lead in parts:
             threads.follow(here, (z, x), Helix(lead, turns))
             here = z, x
-        moves.end_follow()
+        threads.context.end_follow()
         moves.rapid(here[0], clear)
         moves.rapid(begin.z, clear)
 

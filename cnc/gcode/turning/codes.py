@@ -143,7 +143,7 @@ class Turret(Executor):
             found = [entry.offset(axis) if axis in "XYZ" else 0.0 for axis in letters]
         else:
             found = [0.0] * len(letters)
-        self._tools.turret_offset = offset
+        self._tools.offset_number = offset
         motion.coordinates.tool_offset = found
         state.tool = tool
         if tool != state.loaded:

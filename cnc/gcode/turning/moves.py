@@ -10,7 +10,6 @@ from cnc.gcode.core.compensation_codes import CompensationCodes
 from cnc.gcode.core.cycle_runner import refuse_modes
 from cnc.gcode.core.motion import Motion
 from cnc.gcode.reader.words import LineWords, Word, fault, positive
-from cnc.model.blocks import SpindleSync
 
 PIECES = 8
 """Pieces in which a turn of a thread of variable lead is cut; the lead is constant in each.
@@ -59,7 +58,6 @@ class TurningMoves:
         self.context, self.here, self.out = context, context.here, context.out
         self._z = motion.column.get("Z")
         self._x = motion.column.get("X")
-        self._follows = False
         self.compensation: CompensationCodes | None = None
 
     def uncompensated(self, at: Word) -> AbstractContextManager[None]:
@@ -155,11 +153,6 @@ class TurningMoves:
             motion = self.motion
             motion.feed_to(end, motion.feed(LineWords(), end, motion.distance(end), at))
 
-    @property
-    def follows(self) -> bool:
-        """Whether the moves follow the spindle now."""
-        return self._follows
-
     def follow(self, z: float, x: float, helix: Helix) -> None:
         """Cut straight to a point; the lengths of the thread are those along the move.
 
@@ -168,10 +161,7 @@ class TurningMoves:
         end = self.end(z, x)
         if end == self.motion.position:
             return
-        if not self._follows:
-            here = self.here
-            self.out.add(SpindleSync(here.file, here.line, helix.lead, helix.angle))
-        self._follows = True
+        self.context.follow_spindle(helix.lead, helix.angle)
         if not helix.change:
             self.motion.feed_to(end, helix.lead * helix.turns)
             return
@@ -185,12 +175,6 @@ class TurningMoves:
             share = turn * (helix.lead + helix.change * turn / 2.0) / length
             to = self.end(z0 + share * (z - z0), x0 + share * (x - x0)) if piece < count else end
             self.motion.feed_to(to, (share - before) * length * rate)
-
-    def end_follow(self) -> None:
-        """End the motion that follows the spindle, if there is one."""
-        if self._follows:
-            self.out.add(SpindleSync(self.here.file, self.here.line, 0.0))
-        self._follows = False
 
     def end(self, z: float, x: float) -> list[float]:
         """Return the machine position of a point. An axis that stays keeps its exact value."""

@@ -38,6 +38,8 @@ from cnc.gcode.reader.words import G, LineWords, Word, fault, not_negative, posi
 from cnc.gcode.turning.codes import MOST_PASSES, VARIABLE
 from cnc.gcode.turning.moves import PIECES, Helix, TurningMoves
 
+SAME_WAY = 1e-3
+"""Largest difference of the ways along X and Z on a cone of 45 degrees, mm."""
 WIDEST = 120.0
 """Largest angle of a thread, degrees."""
 
@@ -152,10 +154,11 @@ class TurningThreads(Executor):
         change = self._change(words, "F" if siemens else "K", at)
         given = moves.given(words, at.written)
         end = given.get("Z", here[0]), given.get("X", here[1])
+        ways = abs(end[0] - here[0]), abs(end[1] - here[1])
         if lead is None:
-            lead = self._lead_along(words, abs(end[0] - here[0]) >= abs(end[1] - here[1]), at)
+            lead = self._lead_along(words, ways, at)
         helix = Helix(lead, turns, angle, change)
-        farther = max(abs(end[0] - here[0]), abs(end[1] - here[1]))
+        farther = max(ways)
         if math.isnan(number := helix.number(farther)) or number * PIECES > MOST_PASSES:
             message = f"{at.written}: the lead falls to 0 before the end of the thread"
             if number == number:
@@ -185,7 +188,7 @@ class TurningThreads(Executor):
         with self.context.exact_path():
             moves.rapid(*first)
             self.follow(first, (z, x), Helix(lead, turns, angle))
-            moves.end_follow()
+            self.context.end_follow()
             moves.rapid(z, x0)
             moves.rapid(z0, x0)
 
@@ -222,7 +225,7 @@ class TurningThreads(Executor):
 
     def _new_start(self, word: Word, angle: float) -> float:
         """Return the angle; a warning tells that it has no effect where a thread goes on."""
-        if angle and self._moves.follows:
+        if angle and self.context.follows:
             message = f"{word.written} has no effect: the thread goes on from the line before"
             self._here.report_warning("word-idle", message, word, "remove it")
         return angle
@@ -261,13 +264,17 @@ class TurningThreads(Executor):
             state.feed = Feed(self._lead, word.number)
         return self._lead
 
-    def _lead_along(self, words: LineWords, along_z: bool, at: Word) -> float:
+    def _lead_along(self, words: LineWords, ways: tuple[float, float], at: Word) -> float:
         """SINUMERIK's lead, mm a turn: K along Z, or I along X, of the axis that moves farther.
 
+        Either of them may be given on a cone of 45 degrees. ``ways`` are those of Z and X, mm.
         Source: Siemens, "SINUMERIK 840D sl/828D Programming Manual, Fundamentals", "Thread cutting
         with constant lead (G33)".
         """
-        letter, axis = ("K", "Z") if along_z else ("I", "X")
+        z, x = ways
+        letter, axis = ("K", "Z") if z >= x else ("I", "X")
+        if abs(z - x) < SAME_WAY and letter not in words.rest:
+            letter = "I" if letter == "K" else "K"
         word = words.take(letter, at.written)
         if word is None:
             hint = f"give {letter} and the lead along {axis}, which moves farther"
@@ -327,7 +334,7 @@ class TurningThreads(Executor):
             self.follow(corner, end, helix)
         else:
             self.follow(begin, end, helix)
-        moves.end_follow()
+        self.context.end_follow()
         moves.rapid(z, x0)
         moves.rapid(z0, x0)
 
@@ -564,14 +571,6 @@ def cut(thread: ThreadSteps, turns_per_second: float) -> Iterator[Step]:
     yield from without_standing(at(thread.start, thread.drive), whole())
 
 
-def follow(start: Point, end: Point, pitch: float, turns_per_second: float) -> Iterator[Step]:
-    """G33: a straight move of ``pitch`` mm a revolution, measured along the move."""
-    if end != start:
-        yield Synchronise(pitch)
-        yield Cut(end, pitch * turns_per_second)
-        yield Synchronise(0.0)
-
-
 def tap_rigidly(
     start: Point, end: Point, pitch: float, turns_per_second: float, turning: Turning, faster: float
 ) -> Iterator[Step]:
@@ -617,7 +616,11 @@ class ThreadingCycles(MotionCodes):
         self._performer = performer
 
     def move(self, words: LineWords, code: Code | None) -> None:
-        """Execute G33 or G33.1."""
+        """Execute G33 or G33.1. K is the pitch along the move.
+
+        The next line with G33 goes on without a stop. Source: LinuxCNC 2.9, ``tp.c``: only a move
+        that does not follow the spindle, or none, ends the synchronisation.
+        """
         motion, state = self._motion, self._state
         rigid = state.motion == TAP
         name = "G33.1" if rigid else "G33"
@@ -639,12 +642,12 @@ class ThreadingCycles(MotionCodes):
         plane = CyclePlane(motion, state)
         turns = turns_per_second(self.context, name, at, "pitch")
         end = plane.seen(motion.coordinates.to_program(motion.target(words, name, motion.position)))
-        steps = (
-            tap_rigidly(plane.start, end, pitch, turns, state.turning, faster)
-            if rigid
-            else follow(plane.start, end, pitch, turns)
-        )
-        self._performer.perform(steps, plane)
+        if rigid:
+            steps = tap_rigidly(plane.start, end, pitch, turns, state.turning, faster)
+            self._performer.perform(steps, plane)
+        elif end != plane.start:
+            self.context.follow_spindle(pitch)
+            motion.feed_to(plane.place(end), pitch * turns)
 
     def _pitch(self, words: LineWords, letter: str, name: str, at: Word) -> float:
         """The pitch, mm a revolution."""

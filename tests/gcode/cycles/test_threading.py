@@ -15,9 +15,24 @@ AT_LATHE = ["spindle cw 600", "rapid 20 0 5"]
 MOVES: dict[str, tuple[str, list[str]]] = {
     "G33": ("G33 Z-1 K1.5", ["sync 1.5", "line 1 2 -1 F900", "sync 0"]),
     "K counts along the move": ("G33 X4 Z-1 K1.5", ["sync 1.5", "line 4 2 -1 F900", "sync 0"]),
-    "G33 again": (
-        "G33 Z-1 K1.5\nZ-2 K1",
-        ["sync 1.5", "line 1 2 -1 F900", "sync 0", "sync 1", "line 1 2 -2 F600", "sync 0"],
+    "G33 again goes on without a stop": (
+        "G33 Z-1 K1.5\n(the same thread)\nX4 Z-2 K1",
+        ["sync 1.5", "line 1 2 -1 F900", "line 4 2 -2 F600", "sync 0"],
+    ),
+    "a move between two G33 ends the first": (
+        "G33 Z-1 K1.5\nG0 Z3\nG33 Z-1 K1.5",
+        ["sync 1.5", "line 1 2 -1 F900", "sync 0", "rapid 1 2 3"]
+        + ["sync 1.5", "line 1 2 -1 F900", "sync 0"],
+    ),
+    "plain moves behind G33 end it": (
+        "G33 Z-1 K1.5\nG1 Z-2 F60\nZ-3\nZ-4",
+        ["sync 1.5", "line 1 2 -1 F900", "sync 0"]
+        + ["line 1 2 -2 F60", "line 1 2 -3 F60", "line 1 2 -4 F60"],
+    ),
+    "G64 is suspended for all moves of a thread": (
+        "G64 P0.1\nG33 Z-1 K1.5\nX4 Z-2 K1\nG0 Z3",
+        ["path blend 0.1", "path exact-path 0", "sync 1.5", "line 1 2 -1 F900", "line 4 2 -2 F600"]
+        + ["sync 0", "path blend 0.1", "rapid 4 2 3"],
     ),
     "G33 under G91 and G20": (
         "G91 G20\nG33 Z-1 K0.1",
@@ -132,7 +147,6 @@ THREADS: dict[str, tuple[str, list[str]]] = {
             "rapid 18.2 0 5",
             "sync 1.5",
             "line 18.2 0 -19.2 F900",
-            "sync 2.12132",
         ]
         + ["line 19 0 -20 F1272.792206", "sync 0", "rapid 20 0 -20", "overrides true true"],
     ),
@@ -145,7 +159,7 @@ THREADS: dict[str, tuple[str, list[str]]] = {
             "line 19 0 4.2 F1272.792206",
             "line 18.2 0 3.4 F1272.792206",
         ]
-        + ["sync 1.5", "line 18.2 0 -20 F900", "sync 0", "rapid 20 0 -20", "overrides true true"],
+        + ["line 18.2 0 -20 F900", "sync 0", "rapid 20 0 -20", "overrides true true"],
     ),
     "towards plus": (
         "G76 P1.5 Z30 I-1 J0.8 K0.8 Q45",

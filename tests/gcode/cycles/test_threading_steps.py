@@ -14,7 +14,6 @@ from cnc.gcode.turning.threads import (
     ThreadSteps,
     cut,
     depths,
-    follow,
     passes,
     tap_rigidly,
 )
@@ -173,15 +172,6 @@ def test_every_pass_keeps_the_pitch_along_z(case: ThreadSteps) -> None:
         if isinstance(step, Rapid | Cut):
             place = step.to
     assert place == (case.end, case.drive, case.height)
-
-
-def test_a_synchronised_move() -> None:
-    assert list(follow((0, 0, 3), (1, 0, -1), 1.5, 10.0)) == [
-        Synchronise(1.5),
-        Cut((1, 0, -1), 15.0),
-        Synchronise(0.0),
-    ]
-    assert not list(follow((0, 0, 3), (0, 0, 3), 1.5, 10.0))
 
 
 def test_rigid_tapping_returns_faster_in_reverse() -> None:

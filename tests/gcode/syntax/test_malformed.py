@@ -290,6 +290,7 @@ expression-too-deep
 allowance-in-pocket allowance-sign decimal-point-needed lathe-dialect-unclear profile-empty
 profile-line profile-missing profile-not-monotone profile-place profile-start profile-too-long
 allowance-at-wall arc-without-center profile-beyond-start profile-return
+thread-interrupted
 thread-lead thread-start tool-word-form turning-plane face-code face-start mantle-words mantle-plane
 tool-edge tool-width-missing undercut-size
 comment-not-active not-gcode percent-code-behind percent-leader percent-unopened program-for-lathe
