@@ -92,7 +92,7 @@ def bench(
     machine.write_text(MACHINE.replace("TRAVEL", "-200, 0" if homes else "-200, 200"))
     program.write_text(PROGRAM)
     simulator = GrblSimulator(settings=SWITCHES if homes else FAST)
-    with PtyServer(simulator, 4.0) as server:
+    with PtyServer(simulator, 16.0) as server:
         bench = Bench(server, cncrun, machine, program, monkeypatch)
         if homes:
             bench.succeeds("home")

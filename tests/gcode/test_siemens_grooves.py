@@ -15,6 +15,7 @@ from cnc.gcode.core.tool_table import ToolEntry, ToolTable
 from cnc.model.blocks import ArcFeed, Polyline
 from cnc.model.diagnostics import Diagnostic, GcodeError
 from tests.support.gcode.gcode_cases import block_summaries, run
+from tests.support.soak import share
 
 START = "T1 D1\nG18 G90 G95 G97 S600 M4 DIAMON F0.1\nG0 X50 Z5\n"
 WIDE = START.replace("X50", "X120")
@@ -275,10 +276,17 @@ CORNERS = {
 }
 
 
-@pytest.mark.parametrize("name", CORNERS)
-@pytest.mark.parametrize("nose", [0.0, 0.2, 0.5])
-@pytest.mark.parametrize("orientation", [1, 2])
-@pytest.mark.parametrize("rest", ["0.3,0.2", "0,0"])
+NOSES, ORIENTATIONS, RESTS = (0.0, 0.2, 0.5), (1, 2), ("0.3,0.2", "0,0")
+LEFT = [
+    (name, NOSES[(k + m + n + turn) % 3], orientation, rest)
+    for k, name in enumerate(CORNERS)
+    for m, orientation in enumerate(ORIENTATIONS)
+    for n, rest in enumerate(RESTS)
+    for turn in range(share(3, 1))
+]
+
+
+@pytest.mark.parametrize(("name", "nose", "orientation", "rest"), LEFT)
 def test_the_groove_that_is_left(name: str, nose: float, orientation: int, rest: str) -> None:
     outer1, outer2, inner1, inner2 = CORNERS[name]
     source = f"CYCLE93(40,-20,8,5,,,,{outer1},{outer2},{inner1},{inner2},{rest},2,,15)"

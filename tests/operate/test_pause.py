@@ -10,6 +10,7 @@ from cnc.model.diagnostics import UsageError
 from cnc.operate.events import Alarm, Dialog, JobEnded, State
 from tests.support.waiting import wait_until
 
+pytestmark = pytest.mark.usefixtures("quick_board")
 PATIENCE = 60
 GRID = 0.01
 PROGRAM = """\

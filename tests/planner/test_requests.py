@@ -79,7 +79,7 @@ def test_a_request_takes_effect_within_the_promised_time(
 ) -> None:
     """The message has the seed, which is a new one in each run of ``make soak``."""
     if seed is None:
-        seed = share(int(np.random.default_rng().integers(2**32)), 1)
+        seed = share(int(np.random.default_rng().integers(2**32)), 4)
     rng = np.random.default_rng([seed, FAMILIES.index(family), number])
     program = random_program(family, rng, tmp_path)
     for trial in range(EACH):

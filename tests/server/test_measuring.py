@@ -77,10 +77,18 @@ def client(shop, client_of_console):
 def answered(shop, client, read):
     """Answer each question by a request until the measurement ends; return it."""
     number = 0
-    while client("GET", "/api/measurement").json()["running"]:
-        dialog = shop.session.dialog
-        if dialog is None or dialog.id == number:
+
+    def asked():
+        return shop.session.dialog is not None and shop.session.dialog.id != number
+
+    def running():
+        return client("GET", "/api/measurement").json()["running"]
+
+    while running():
+        wait_until(lambda: asked() or not running())
+        if not asked():
             continue
+        dialog = shop.session.dialog
         number = dialog.id
         body = {"dialog": number, "yes": True, "value": read(dialog.text)}
         assert client("POST", "/api/answer", body).status_code == 200
@@ -117,7 +125,7 @@ def test_backlash_is_found_to_a_step_with_the_probe(shop, client):
     """A face of 45 degrees stands in front of the probe along Y."""
     away = 6.0 * math.cos(math.radians(45.0))
     shop.part.slabs.append(Slab((-90.0, away, -90.0), (90.0, away + 30.0, 90.0), 45.0))
-    body = {"axis": "x", "probe": {"touch": "Y+"}}
+    body = {"axis": "x", "probe": {"touch": "Y+", "contact_feed": 400}}
     assert client("POST", "/api/measure/backlash", body).status_code == 200
     measured = answered(shop, client, None)
     value = float(measured["result"]["steps"][0].split(" = ")[1])

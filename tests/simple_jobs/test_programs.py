@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from cnc.api import check, from_text, parse
 from cnc.model.blocks import ArcFeed, Dwell, Polyline, Spindle
@@ -115,7 +116,7 @@ def test_a_pocket_is_cut_to_its_wall_and_no_further(kind, seed):
         inside = distance(tries) < -SPACING
     tries = tries[inside]
     assert len(tries) > 100
-    nearest = np.array([np.hypot(*(floor - place).T).min() for place in tries])
+    nearest = cKDTree(floor).query(tries)[0]
     assert nearest.max() <= radius + SPACING
     # Each pass removes at most its depth, and a traverse is never in the material.
     ordered = np.unique(np.round(places[:, 2], 4))
@@ -141,7 +142,7 @@ def test_surfacing_covers_the_area_and_goes_down_beside_it():
         tries = rng.uniform(
             [3.0, -4.0], [3.0 + values["width"], -4.0 + values["length"]], (1000, 2)
         )
-        nearest = np.array([np.hypot(*(floor - place).T).min() for place in tries])
+        nearest = cKDTree(floor).query(tries)[0]
         assert nearest.max() <= radius + SPACING
         steps = np.diff(places, axis=0)
         straight_down = (steps[:, 2] < -1e-9) & (np.hypot(steps[:, 0], steps[:, 1]) < 1e-9)

@@ -38,7 +38,8 @@ class FaultyMachine:
         nuts = motors.copy()
         for column, letter in enumerate("xyz"):
             if letter in self.backlash:
-                nuts[:, column] = _pushed(motors[:, column], self.backlash[letter])
+                play = self.backlash[letter]
+                nuts[:, column] = pushed(motors[:, column], play, motors[0, column] - 0.5 * play)
             if letter in self.screws:
                 nuts[:, column] += self.screws[letter](nuts[:, column])
         # Unit vectors along the axes from their angles, by the products that these have.
@@ -51,10 +52,16 @@ class FaultyMachine:
         return tool if self.volume is None else tool + self.volume(tool)
 
 
-def _pushed(motor: Floats, play: float) -> Floats:
-    """Return the places of a nut between two flanks, ``play`` apart, that the motor moves."""
-    nut, places = motor[0] - 0.5 * play, []
+def pushed(motor: Floats, play: float, begin: float) -> Floats:
+    """Return the places of a nut between two flanks, ``play`` apart, that the motor moves.
+
+    Before the first place of the motor the nut is at ``begin``.
+    """
+    nut, half, places = begin, 0.5 * play, []
     for flank in motor.tolist():
-        nut = min(max(nut, flank - 0.5 * play), flank + 0.5 * play)
+        if nut < flank - half:
+            nut = flank - half
+        elif nut > flank + half:
+            nut = flank + half
         places.append(nut)
     return np.array(places)

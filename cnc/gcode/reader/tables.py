@@ -37,6 +37,8 @@ NAMES = ("ngc", "macro", "sinumerik", "klartext")
 _DIGEST = 32
 _FORMAT = 9
 """Version of the tables' form."""
+_KEPT = 8
+"""So many files of a grammar stay in the user's cache: other installations use the older ones."""
 _MOST_TEXTS = 64
 """A terminal with up to so many texts is a list of keywords: each text has a number of its own."""
 _FOREIGN = "\xff"
@@ -98,9 +100,9 @@ def grammar(name: str) -> Grammar:
     with suppress(OSError):
         cache_folder().mkdir(parents=True, exist_ok=True)
         write(made, cache_folder() / file_name)
-        for older in cache_folder().glob(f"{name}-*.tables"):
-            if older.name != file_name:
-                older.unlink()
+        written = cache_folder().glob(f"{name}-*.tables")
+        for older in sorted(written, key=lambda file: file.stat().st_mtime)[:-_KEPT]:
+            older.unlink()
     return made
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from random import Random
 
@@ -206,9 +207,9 @@ def test_a_file_of_tables_is_read_whole_or_not_at_all(
     (file,) = (tmp_path / "cnc").iterdir()
     whole = file.read_bytes()
     rng = Random(1)
-    cut = [whole[: rng.randrange(len(whole))] for _ in range(5)]
+    cut = [whole[: rng.randrange(len(whole))] for _ in range(share(5, 2))]
     flipped = []
-    for _ in range(20):
+    for _ in range(share(20, 4)):
         at = rng.randrange(len(whole))
         flipped.append(whole[:at] + bytes([whole[at] ^ 1 << rng.randrange(8)]) + whole[at + 1 :])
     for data in (b"", *cut, *flipped):
@@ -218,6 +219,23 @@ def test_a_file_of_tables_is_read_whole_or_not_at_all(
         for own, other in zip(found.tables, wanted.tables, strict=True):
             assert np.array_equal(own, other)
         assert file.read_bytes() == whole, "it is written anew"
+
+
+def test_tables_of_other_installations_stay_in_the_cache(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two installations with other grammars would else make their tables at each start."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    folder = tmp_path / "cnc"
+    folder.mkdir()
+    others = [folder / f"macro-{number:016x}.tables" for number in range(9)]
+    for age, file in enumerate(others):
+        file.write_bytes(b"")
+        os.utime(file, (1e9 - age, 1e9 - age))
+    grammar.__wrapped__("macro")
+    left = set(folder.iterdir())
+    assert set(others) & left == set(others[:7])
+    assert len(left) == 8
 
 
 def test_an_unwritable_folder_leaves_no_file_behind(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ import sys
 import pytest
 
 from cnc.compiled.code_cache import cache_folder
+from cnc.gcode.reader import tables
 from cnc.machine.load import load_machine
 from cnc.simulators.grbl.firmware_profile import GRBL, settings_of
 from cnc.simulators.grbl.grbl_simulator import GrblSimulator
@@ -85,6 +86,8 @@ def address(tmp_path_factory, mill, port):
     arguments = ["serve", "--port", "0", "--library", "jobs", "--machine", str(mill)]
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "HOME": str(folder)}
     environment["NUMBA_CACHE_DIR"] = str(cache_folder())
+    # The tables of the grammars, which would be made again in an empty home.
+    environment["XDG_CACHE_HOME"] = str(tables.cache_folder().parent)
     server = subprocess.Popen(
         [sys.executable, quick, *arguments],
         cwd=folder,

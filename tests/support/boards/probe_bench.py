@@ -14,7 +14,7 @@ from cnc.boards.protocols import BoardTraits
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block, Probe
 from cnc.model.streams import PulseChunk
-from tests.support.faulty_machine import FaultyMachine
+from tests.support.faulty_machine import FaultyMachine, pushed
 
 Floats = NDArray[np.float64]
 
@@ -91,8 +91,8 @@ class ProbeBench(Loopback):
         self._scale = np.array(machine.steps_per_mm)
         self._position = np.rint(np.array(start) * self._scale).astype(np.int64)
         self._faulty, self._part = faulty, part
-        self._halves = np.array([0.5 * faulty.backlash.get(letter, 0.0) for letter in "xyz"])
-        self._nuts = self._position / self._scale - self._halves
+        plays = [faulty.backlash.get(letter, 0.0) for letter in "xyz"]
+        self._nuts = self._position / self._scale - 0.5 * np.array(plays)
         self._screws = replace(faulty, backlash={})
         self._armed: Probe | None = None
         self._met = False
@@ -143,8 +143,8 @@ class ProbeBench(Loopback):
 
     def _followed(self, motors: Floats) -> Floats:
         """Return the places of the nuts (n, 3) that the motors (n, 3) push."""
-        nuts, here = np.empty_like(motors), self._nuts.copy()
-        for row, place in enumerate(motors):
-            here = np.clip(here, place - self._halves, place + self._halves)
-            nuts[row] = here
+        nuts = motors.copy()
+        for column, letter in enumerate("xyz"):
+            if play := self._faulty.backlash.get(letter, 0.0):
+                nuts[:, column] = pushed(motors[:, column], play, float(self._nuts[column]))
         return nuts

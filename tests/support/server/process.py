@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from cnc.compiled.code_cache import cache_folder
+from cnc.gcode.reader import tables
 from tests.support.paths import ROOT
 
 
@@ -34,6 +35,7 @@ class ServerProcess:
             "HOME": str(folder),
             "XDG_STATE_HOME": str(folder / "state"),
             "NUMBA_CACHE_DIR": str(cache_folder()),
+            "XDG_CACHE_HOME": str(tables.cache_folder().parent),
         }
         arguments = ["serve", "--port", "0", "--library", "jobs", "--machine", machine, *options]
         self.process = subprocess.Popen(
