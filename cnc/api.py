@@ -370,7 +370,7 @@ def home(
     try:
         if opened.takes == "lines":
             return dict(homing.home_and_record(opened, known, axes, control or Control()))
-        ensure_compiled(seen.on_compiling, seen.on_kernel, moving_jobs(opened))
+        ensure_compiled(seen.on_compiling, seen.on_kernel, moving_jobs(opened, known))
         positions = homing.home(
             opened,
             known,

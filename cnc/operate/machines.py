@@ -406,7 +406,7 @@ def operated(board: PulseSink | LineSink, machine: Machine) -> OperatedMachine:
     """
     if board.takes == "pulses":
         # The first jog would load them while the board plays its beginning.
-        load_kernels(moving_jobs(board))
+        load_kernels(moving_jobs(board, machine))
         return PulseMachine(board, machine)
     operation = board.operation
     if operation is None:

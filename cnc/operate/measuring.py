@@ -356,7 +356,7 @@ def opened(machine: Machine, kind: str | None, port: str | None) -> Iterator[Pul
     board = open_board(machine, kind=kind, port=port, homes=True)
     try:
         pulses = takes_pulses(board)
-        load_kernels(moving_jobs(pulses))
+        load_kernels(moving_jobs(pulses, machine))
         yield pulses
     finally:
         board.close()

@@ -390,7 +390,7 @@ class JointPath:
             parts, sides = self._with_take_up(path, parts, self._take_up)
         pieces = self._pieces(path, parts, leaving, joints, sides)
         self._tip = None
-        data, at, length = _records(pieces)
+        data, at, length = joint_records(pieces)
         piece = parts.piece
         ends = np.append(piece[1:] != piece[:-1], True)
         begins = np.insert(ends[:-1], 0, True)
@@ -719,7 +719,7 @@ def _hermite(left: Floats, right: Floats, width: Floats) -> Floats:
     return form
 
 
-def _records(pieces: JointPieces) -> tuple[Floats, Ints, Floats]:
+def joint_records(pieces: JointPieces) -> tuple[Floats, Ints, Floats]:
     """Return the records of the pieces, the index of each, and their lengths (mm)."""
     count, n = pieces.start.shape
     at, length = np.empty(count, np.int64), np.empty(count)

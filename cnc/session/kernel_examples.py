@@ -15,11 +15,12 @@ from tempfile import NamedTemporaryFile
 import numpy as np
 
 from cnc.boards.klipper.sender import StepEncoder
-from cnc.boards.stepper.segments import SegmentEncoder
+from cnc.boards.stepper.segments import SegmentEncoder, split
 from cnc.gcode import dialects
 from cnc.gcode.core.line_steps import MANY_LINES, SHORTEST
 from cnc.gcode.core.program import interpret
 from cnc.gcode.reader.layout import formatted
+from cnc.gcode.reader.lines import read_line
 from cnc.gcode.reader.source_text import Text
 from cnc.grbl_lines.board_limits import BoardLimits
 from cnc.grbl_lines.grbl_timing import BoardTime
@@ -32,9 +33,12 @@ from cnc.model.streams import PulseChunk
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk, bounding_box
 from cnc.path.kernels.bspline import nurbs_chord_ends
+from cnc.path.kernels.curve import SPAN
 from cnc.planner.audit import Audit
 from cnc.planner.corner_hold import stop_inside
 from cnc.planner.finished import ChainLeft
+from cnc.planner.joints import joint_records
+from cnc.planner.kernels.joint_records import ORDER, JointPieces
 from cnc.planner.kernels.slowed_clock import pace_wanted
 from cnc.planner.kernels.stopping import FAR, shortest_ramp
 from cnc.planner.kernels.timed import timed_motion
@@ -55,8 +59,9 @@ AXES: tuple[AxisLetter, ...] = ("x", "y", "z")
 
 
 def read() -> None:
-    """Read straight moves."""
+    """Read straight moves, and a line alone."""
     _read(["G0 X1"] * SHORTEST)
+    read_line("G0 X1", "ngc")
 
 
 def write_anew() -> None:
@@ -112,6 +117,14 @@ def plan_corner() -> None:
         pass
     (legs,) = _path(corner)
     stop_inside(ChainLeft(_at_rest(legs), len(legs), 0), legs, Limits.of(_machine()))
+
+
+def place_joints() -> None:
+    """Write a piece of a path with the columns of joints."""
+    ends = np.zeros((1, 3)), np.ones((1, 3))
+    metric = np.array([[3.0, 0.0, 1.0, 2.0]])
+    one, form = np.ones(1), np.ones((1, ORDER, 3)) * np.linspace(0.0, 1.0, ORDER)[:, None]
+    joint_records(JointPieces(np.array([SPAN]), 0.0 * one, one, metric, *ends, form))
 
 
 def stop() -> None:
@@ -175,7 +188,8 @@ def encode() -> None:
     encoder.push(
         PulseChunk(moves * 100_000, np.ones((4, len(AXES)), np.int8), moves.astype(np.int32))
     )
-    encoder.flush()
+    for _ in split(encoder.flush()):
+        pass
 
 
 def encode_runs() -> None:

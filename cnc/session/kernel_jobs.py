@@ -50,6 +50,7 @@ JOBS = {
             "build_nurbs",
             "path.kernels.bspline path.kernels.span_shape path.kernels.arclength",
         ),
+        ("joints", "place_joints", "planner.kernels.joint_records"),
         ("fits", "fit", "path.kernels.fit_program"),
         (
             "knots of fits",

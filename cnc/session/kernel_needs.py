@@ -13,6 +13,7 @@ from pathlib import Path
 
 from cnc.boards.protocols import LineSink, PulseSink
 from cnc.compiled.jit import as_python
+from cnc.machine.models import Machine
 from cnc.model.blocks import Block, NurbsFeed, PathMode
 from cnc.path.chunk import PathChunk
 from cnc.session.context import SessionContext
@@ -25,15 +26,15 @@ class KernelNeeds:
 
     def __init__(self, context: SessionContext) -> None:
         self._context = context
-        self._path_jobs = list(READING)
+        self._path_jobs = [*READING, *jobs_of(context.reader.machine)]
         self._blends = self._interprets = self._announced = False
 
     def reading(self, program: Path) -> AbstractContextManager[None]:
         """Return the context in which the check pass reads the program."""
-        self._interprets = _is_small(program) and not all(map(is_compiled, READING))
+        self._interprets = _is_small(program) and not all(map(is_compiled, self._path_jobs))
         if self._interprets:
             return as_python()
-        self._compile(*READING)
+        self._compile(*self._path_jobs)
         return nullcontext()
 
     def see_block(self, block: Block) -> None:
@@ -98,9 +99,14 @@ class KernelNeeds:
             on_compiling()
 
 
-def moving_jobs(board: PulseSink) -> tuple[str, ...]:
+def jobs_of(machine: Machine) -> tuple[str, ...]:
+    """Return the jobs of each path of a machine, besides those of all machines."""
+    return ("joints",) if machine.tip_columns else ()
+
+
+def moving_jobs(board: PulseSink, machine: Machine) -> tuple[str, ...]:
     """Return the jobs of a straight move on a board: a jog, homing."""
-    return ("paths", *PLANNING, "pulses", *board.capabilities.kernels)
+    return ("paths", *jobs_of(machine), *PLANNING, "pulses", *board.capabilities.kernels)
 
 
 def _is_small(program: Path) -> bool:

@@ -113,5 +113,5 @@ class MotorOutputs:
 
     def expanded(self, step: NDArray[np.int8]) -> NDArray[np.int8]:
         """Return steps (n, axes) as steps of the outputs (n, outputs), in their directions."""
-        steps: NDArray[np.int8] = step[:, self.column] * (self.direction * self.moving)
-        return steps.astype(np.int8, copy=False)
+        steps = step[:, self.column] * (self.direction * self.moving)
+        return np.ascontiguousarray(steps, np.int8)

@@ -17,7 +17,7 @@ from cnc.compiled.jit import interpreted
 from cnc.gcode.core.context import Context, Executor
 from cnc.gcode.core.coordinates import RotaryAxes
 from cnc.gcode.core.modal_groups import Feed, check_feed, feed_of
-from cnc.gcode.kernels.arithmetic import cosine, sine
+from cnc.gcode.kernels import arithmetic
 from cnc.gcode.kernels.rules import (
     MIN_FEED,
     end_of_word,
@@ -28,6 +28,9 @@ from cnc.gcode.kernels.rules import (
 from cnc.gcode.reader.words import AXES, POLAR, LineWords, Word, fault
 from cnc.model.blocks import ROTARY_LETTERS
 from cnc.model.diagnostics import GcodeError
+
+_end_of_word = interpreted(end_of_word)
+_cosine, _sine = interpreted(arithmetic.cosine), interpreted(arithmetic.sine)
 
 # Polar coordinates: ``@`` is the distance and ``^`` the angle of a point in X and Y.
 #
@@ -78,7 +81,7 @@ def polar_point(
         radius = word.number * scale
     if word := words.take("^", user):
         angle = word.number
-    return radius * cosine(angle), radius * sine(angle)
+    return radius * _cosine(angle), radius * _sine(angle)
 
 
 def steps(
@@ -106,7 +109,7 @@ def stepped(
     """Return the point after a number of equal polar steps from a point, mm and degrees."""
     reached = math.hypot(*here) + count * radius
     turned = math.degrees(math.atan2(here[1], here[0])) + count * angle
-    return reached * cosine(turned), reached * sine(turned)
+    return reached * _cosine(turned), reached * _sine(turned)
 
 
 def refuse_other_start(
@@ -197,8 +200,8 @@ class PolarMode:
                 self._centre = here
         self._radius = self._radius if radius is None else radius
         return (
-            self._centre[0] + self._radius * cosine(self._angle),
-            self._centre[1] + self._radius * sine(self._angle),
+            self._centre[0] + self._radius * _cosine(self._angle),
+            self._centre[1] + self._radius * _sine(self._angle),
         )
 
     def again(self, here: Point) -> Point:
@@ -206,7 +209,6 @@ class PolarMode:
         return self.place(*self._words, here, absolute=False)
 
 
-_end_of_word = interpreted(end_of_word)
 _CYCLES = frozenset(
     ("G73", "G74", "G76", "G81", "G82", "G83", "G84", "G85", "G86", "G87", "G88", "G89")
 )
