@@ -103,6 +103,8 @@ def _marks(job: str) -> list[Path]:
     from cnc.compiled.loader import PORTABLE, host, version
 
     files = [Path(import_module(name).__file__ or "") for name in sorted(JOBS[job].modules)]
+    # Another example may call kernels with other types.
+    files.append(Path(__file__).with_name("kernel_examples.py"))
     names = [code_cache.folder_name(file) for file in files]
     places = (code_cache.SHIPPED, PORTABLE), (code_cache.cache_folder(), host())
     marks = []
