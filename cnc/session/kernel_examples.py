@@ -76,11 +76,13 @@ def write_anew() -> None:
 def evaluate() -> None:
     """Read lines with expressions."""
     _read(["#1=1", "G0 X#1"] * MANY_LINES)
+    _read(["#<a>=1", "G0 X#<a>"] * MANY_LINES)
 
 
 def build_simple() -> None:
-    """Build a path of a line and an arc, and find its travel."""
-    for path in _path([_line(), _arc()]):
+    """Build a path of a line, an arc and a spiral, and find its travel."""
+    spiral = ArcFeed("", 3, "XY", (1.0, 1.0), np.array([1.0, 0.5, 0.0]), 1.0, 0.5, 1.0)
+    for path in _path([_line(), _arc(), spiral]):
         bounding_box(path)
 
 

@@ -159,7 +159,8 @@ def _unpacked(data: bytes) -> Grammar | None:
     at = 0
     for kind, shape in head["arrays"]:
         count = math.prod(shape)
-        arrays.append(np.frombuffer(numbers, kind, count, at).reshape(shape))
+        # A copy is aligned: else the tables of each grammar would be other types to the kernel.
+        arrays.append(np.frombuffer(numbers, kind, count, at).reshape(shape).copy())
         at += arrays[-1].nbytes
     return _grammar(Tables(*arrays), head["names"], head["rules"], head["texts"], head["wanted"])
 
