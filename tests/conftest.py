@@ -5,22 +5,12 @@ kernel compiles it. Positions of boards are kept in a temporary folder.
 """
 
 import gc
-import traceback
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
 
-import cnc
-from cnc.compiled import loader
-from cnc.session.kernel_cache import is_compiled
-from cnc.session.kernel_jobs import JOBS
 from tests.support.soak import share, soaking
-
-PRODUCT = Path(cnc.__file__).parent
-COMPILED = PRODUCT / "compiled"
-EXAMPLES = PRODUCT / "session" / "kernel_examples.py"
 
 settings.register_profile(
     "cnc",
@@ -55,41 +45,6 @@ def pytest_collection_finish() -> None:
     """Exclude all that was imported from garbage collection, which would visit it in every test."""
     gc.collect()
     gc.freeze()
-
-
-@pytest.fixture(scope="session")
-def compiled_late():
-    """Return a list to which each kernel is added that the product compiles outside of its jobs.
-
-    A run would wait for the compiler there. It is empty where not all jobs are done: then a test
-    compiles what it needs.
-    """
-    late: list[str] = []
-    if not all(map(is_compiled, JOBS)):
-        yield late
-        return
-    entry_of = loader.first_entry
-
-    def first_entry(files, variables):
-        entry = entry_of(files, variables)
-        if entry is None:
-            frames = [frame.filename for frame in traceback.extract_stack()]
-            callers = [file for file in frames if not file.startswith(str(COMPILED))]
-            if callers[-2].startswith(str(PRODUCT)) and str(EXAMPLES) not in callers:
-                late.append(f"{callers[-2]}: {files[-1]}")
-        return entry
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(loader, "first_entry", first_entry)
-        yield late
-
-
-@pytest.fixture(autouse=True)
-def nothing_is_compiled_late(compiled_late):
-    """Fail a test in which a run would have waited for the compiler."""
-    compiled_late.clear()
-    yield
-    assert not compiled_late
 
 
 @pytest.fixture(scope="session", autouse=True)

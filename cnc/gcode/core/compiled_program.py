@@ -411,7 +411,10 @@ class ParameterMirror:
         more = 3 * len(values.begin) + names
         self._known = names_space(len(values.begin) + more)
         begins, ends = values.begin[:used], values.end[:used]
-        add_names(self._text, begins, ends, self._text, self._known, np.empty(used, np.int32))
+        # The type of a text, so that the kernel is not compiled for another one.
+        text = self._text.view()
+        text.flags.writeable = False
+        add_names(text, begins, ends, self._text, self._known, np.empty(used, np.int32))
         self._named = np.concatenate((self._named, np.full(more, math.nan)))
         self._left_alone = np.concatenate((self._left_alone, np.zeros(more, np.bool_)))
         self._changes = self._changes._replace(

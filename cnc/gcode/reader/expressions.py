@@ -91,7 +91,7 @@ def undefined(operation: int, a: float, b: float) -> tuple[str, str]:
 
 def _about_digits(x: float) -> str:
     """Return why a number is not binary-coded decimal."""
-    value = int(kernel.half_away(x))
+    value = int(_half_away(x))
     if 0 <= value < 16**8:
         return f"BIN[{x:g}]: {value} is not binary-coded decimal"
     return f"BIN[{x:g}]: the argument has at most eight digits and no sign"
