@@ -113,7 +113,7 @@ def test_bounds_hold_every_term(kind: str) -> None:
             assert (np.asarray(term) <= high + slack).all()
 
 
-PROGRAM = """G21 G90 G94 G17
+PROGRAM = """{units} G90 G94 G17
 T1 M6
 G0 X10. Y5. Z10. {tilt}-10. C30.
 {on}
@@ -147,7 +147,8 @@ def test_the_tip_keeps_to_the_path(kind: str, dialect: str, tmp_path: Path) -> N
     machine, trace = placed(five_axis_machine(kind), tmp_path), tmp_path / "trace.npz"
     file = tmp_path / "part.nc"
     on, off = SWITCHES[dialect]
-    file.write_text(PROGRAM.format(tilt=table_of(kind).tilting.upper(), on=on, off=off))
+    units, tilt = "G71" if dialect == "siemens" else "G21", table_of(kind).tilting.upper()
+    file.write_text(PROGRAM.format(units=units, tilt=tilt, on=on, off=off))
     report = check(file, machine, RunOptions(dialect=dialect, outputs=Outputs(trace=str(trace))))
     assert report.ok, report.faults
     assert not any(report.violations.values())
@@ -244,7 +245,7 @@ def test_another_length_under_control_leaves_the_joints() -> None:
 def test_a_run_does_not_begin_under_tip_control(tmp_path: Path) -> None:
     machine = placed(five_axis_machine("xyzac"), tmp_path)
     file = tmp_path / "part.nc"
-    file.write_text(PROGRAM.format(tilt="A", on="G43.4 H1", off="G49"))
+    file.write_text(PROGRAM.format(units="G21", tilt="A", on="G43.4 H1", off="G49"))
     report = check(file, machine, RunOptions(dialect="fanuc", from_line=6))
     assert [each.diagnostic.code for each in report.faults] == ["from-line-unknown"]
     assert check(file, machine, RunOptions(dialect="fanuc", from_line=9)).ok
