@@ -224,12 +224,16 @@ def _short_moves() -> Polyline:
 
 
 def _bends() -> Polyline:
-    """Return moves that go on in the direction of the arc, then turn in ever narrower bends."""
-    count = np.arange(200)
+    """Return moves that go on in the direction of the arc, then turn in ever narrower bends.
+
+    They are few: while a job compiles its kernels, those of the other jobs run as plain Python.
+    """
+    count = np.arange(50, 140)
     angle = np.pi + np.cumsum(1.5 * np.sin(count**1.5) * (count > 80) + 0.02)
     step = 0.02 * (2.0 + 1.9 * np.sin(1.7 * count))
     ends = np.cumsum(np.column_stack((step * np.cos(angle), step * np.sin(angle), 0.0 * angle)), 0)
-    return Polyline("", 3, ends + [1.0, 2.0, 0.0], np.ones(200), np.full(200, 3, np.int32))
+    lines = np.full(len(ends), 3, np.int32)
+    return Polyline("", 3, ends + [1.0, 2.0, 0.0], np.ones(len(ends)), lines)
 
 
 def _arc() -> ArcFeed:
