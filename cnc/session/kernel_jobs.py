@@ -59,6 +59,13 @@ JOBS = {
         ),
         ("pieces of fits", "fit", "path.kernels.fit_proof path.kernels.fit_pieces"),
         (
+            "corner motions",
+            "plan_corner",
+            "planner.kernels.corner_motion planner.kernels.corner_newton "
+            "planner.kernels.corner_rows planner.kernels.corner_tube "
+            "planner.kernels.corner_hold planner.kernels.corner_pieces",
+        ),
+        (
             "corner blends",
             "plan_corner",
             "planner.kernels.corners planner.kernels.legs planner.kernels.corner_bends",
@@ -69,13 +76,6 @@ JOBS = {
             "planner.kernels.corner_stops planner.kernels.corner_places "
             "planner.kernels.corner_legs planner.kernels.corner_guess "
             "planner.kernels.corner_search",
-        ),
-        (
-            "corner motions",
-            "plan_corner",
-            "planner.kernels.corner_motion planner.kernels.corner_newton "
-            "planner.kernels.corner_rows planner.kernels.corner_tube "
-            "planner.kernels.corner_hold planner.kernels.corner_pieces",
         ),
         (
             "holds",
