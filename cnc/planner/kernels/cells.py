@@ -385,8 +385,8 @@ def possible_gain(
 
     A row can gain if its speed is below the speed bounds, or if its jerk or acceleration is clearly
     below the limits that would hold on a straight path, or its acceleration below what the bends
-    leave. So can one that ends its deceleration below the
-    speed bounds, where the motion decelerates again behind it.
+    leave. So can one that ends its deceleration below the speed bounds, those behind it too, where
+    the motion decelerates again behind it.
     """
     end, top, samples = intervals.end, intervals.top, intervals.samples
     axes = samples.shape[3]
@@ -413,6 +413,8 @@ def possible_gain(
         if a < 0.0 < j:
             # At a stop the sum may be negative by rounding, and the bound of the speed there is 0.
             reached = max(v + row["duration"] * 0.5 * a, 0.0)
+            if k + 1 < len(end) and end[k] - finish < NEAR_END:
+                lowest = min(lowest, top[k + 1])
             if reached < FASTEST * lowest:
                 both = min(row["duration"], slows_again(rows, r, last))
                 total += both * (1.0 - reached / lowest)
