@@ -153,6 +153,11 @@ class Audit:
         """Note that the next plan begins at rest at another place: a probe made contact there."""
         self._kept = 0
 
+    def leave_out(self, chunk: PlanChunk) -> None:
+        """Go on behind a plan that is not to be carried out; no difference reaches across it."""
+        self._index = ceil((chunk.t0 + chunk.duration) / self.limits.period)
+        self._kept = 0
+
     def check(self, chunk: PlanChunk) -> None:
         """Check one plan.
 

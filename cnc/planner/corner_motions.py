@@ -190,7 +190,7 @@ class CornerMotions:
     ) -> NDArray[np.bool_]:
         """Return whether the corner behind each piece of a plan shall stay a stop.
 
-        They are those of the first motion past corners that the audit refuses.
+        They are those of the motions past corners that the audit refuses.
 
         Args:
             plan: with stops.
@@ -205,12 +205,12 @@ class CornerMotions:
         for end in ends.tolist():
             phase = int(np.searchsorted(cut.phase_s, cut.piece_s[end] - REST)) + 1
             legs = origin[begin_piece:end][timed[begin_piece:end]]
-            if audit.examined(with_own_end(part(cut, first_phase, phase)))[0]:
+            own = with_own_end(part(cut, first_phase, phase))
+            if audit.examined(own)[0]:
                 stops[legs.min() : legs.max()] = True
-                return stops
+                audit.leave_out(own)
             begin_piece, first_phase = end, phase
-        stops[:] = True
-        return stops
+        return stops if stops.any() else ~stops
 
     def _without_stops(self, plan: PlanChunk) -> _Passing | None:
         """Return the plan with motions past its corners; None if there are none."""

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import BSpline
 from scipy.optimize import linprog
 
+from cnc.api import from_text, plan
 from cnc.machine.models import Axis, Machine, PathLimits
 from cnc.model.blocks import Held, PathMode
 from cnc.model.operator_control import Control
@@ -303,6 +304,33 @@ def test_corners_of_legs_without_common_directions_are_passed_one_by_one():
         return duration(chunks)
 
     assert time(0.05) < 0.9 * time(0.0)
+
+
+@pytest.mark.parametrize("seed", [None, *range(share(6, 2))])
+def test_the_audit_refuses_no_motion_past_corners_of_short_arcs(seed, monkeypatch):
+    """Where an arc meets the line that replaces the end of another, velocity and acceleration jump.
+
+    The plan is steady there. A motion past the next corner that began at once exceeded the jerk.
+    """
+    monkeypatch.setattr(CornerMotions, "_refused", refused)
+    if seed is None:
+        ends = [(49.9944, 50.0276), (49.9904, 49.9792), (49.9979, 49.9987), (49.9740, 49.9551)]
+        radii = [0.243, 0.255, 0.127, 0.249]
+    else:
+        rng = np.random.default_rng(seed)
+        ends = np.round(50.0 + np.cumsum(rng.uniform(-0.05, 0.05, (60, 2)), axis=0), 4).tolist()
+        radii = np.round(rng.uniform(0.1, 0.3, 60), 3).tolist()
+    moves = [
+        f"G{2 + k % 2} X{x:.4f} Y{y:.4f} R{radius:.3f}"
+        for k, ((x, y), radius) in enumerate(zip(ends, radii, strict=True))
+    ]
+    text = "\n".join(["G21 G90 G17 G64 P0.01 F1500", "G0 X50 Y50", *moves, "M2", ""])
+    mill = machine(axis=(1000.0, 40_000.0), tangential=None, normal=None, jerk=None)
+    assert any(len(chunk.path) > len(moves) for chunk in plan(from_text(text), mill))
+
+
+def refused(self, plan, cut, origin):
+    raise AssertionError(f"refused: the motion at {cut.t0} s")
 
 
 def test_a_motion_that_rests_just_behind_a_corner_ends_the_search():

@@ -127,6 +127,29 @@ def test_an_acceleration_can_gain_if_the_bends_leave_more(accel, bend, possible)
     assert gain == pytest.approx(wanted, rel=1e-9)
 
 
+@pytest.mark.parametrize(("behind", "gains"), [(4.0, False), (10.0, True)])
+def test_a_deceleration_gains_only_if_no_bound_behind_it_is_reached(behind, gains):
+    """It ends at 4 mm/s at the start of the second interval; the motion slows again there."""
+    known = known_with_a_stop()
+    known.top[1] = behind
+    end_s, duration, jerk = float(END[0]), 0.1, 100.0
+    before = 4.0 + 0.5 * jerk * duration**2
+    start = end_s - duration * (before + duration * (-0.5 * 10.0 + duration * jerk / 6.0))
+    rows = np.array(
+        [
+            (duration, start, before, -10.0, jerk),
+            (0.05, end_s, 4.0, 0.0, 0.0),
+            (0.1, end_s + 0.2, 4.0, 0.0, -100.0),
+        ],
+        PHASE,
+    )
+    limits = np.full(3, 100.0)
+    sums = SumLimits(limits, limits, 1.0 / limits, 1.0 / limits)
+    wanted = 0.1 * (1.0 - 4.0 / 10.0)
+    ramp = possible_gain(rows, 0, 3, known, sums) - possible_gain(rows, 1, 3, known, sums)
+    assert ramp == pytest.approx(wanted if gains else 0.0)
+
+
 @pytest.mark.parametrize("direction", [-1.0, 0.0, 1.0])
 def test_rounding_at_a_stop_does_not_hide_the_gain_before_it(direction):
     # The ramp to rest ends a little beyond the stop, with a speed that rounding makes negative.

@@ -30,6 +30,7 @@ from cnc.planner.kernels.corner_places import (
 from cnc.planner.kernels.corner_rows import Rows
 from cnc.planner.kernels.corner_tube import Tube, place_ends, set_knots
 from cnc.planner.kernels.legs import REST, corner_time, directions, line_bounds
+from cnc.planner.kernels.limits import FLAT_PERIODS
 
 SOLUTIONS = 64
 """Motions that are kept."""
@@ -374,10 +375,23 @@ def _sides(
 
 
 @njit
+def _speed_at(t: float, plan: PlanArrays) -> float:
+    return state_at(t, phase_of_time(t, plan), plan)[1]
+
+
+@njit
 def times_of_motion(
-    path: PathArrays, plan: PlanArrays, chain: Chain, shared: bool, bound: Floats
+    path: PathArrays,
+    plan: PlanArrays,
+    chain: Chain,
+    shared: bool,
+    bound: Floats,
+    limits: LimitArrays,
 ) -> tuple[float, float]:
     """Return the times of the plan at which the motion past a chain begins and ends, s.
+
+    Where the motion crosses a junction at the far end of a leg, the plan's stretch of constant
+    speed about it stays: a jump of the curvature there needs its share of the limits.
 
     Args:
         path: of the motion.
@@ -385,14 +399,21 @@ def times_of_motion(
         chain: the corners.
         shared: whether the first leg begins with a corner that the motion passes.
         bound: (pieces,): largest feeds, mm/s.
+        limits: of the machine.
     """
     t1 = plan.t[rest_at(path, plan, chain.first)]
     t2 = plan.t[rest_at(path, plan, chain.last)]
-    first = plan.piece_s[chain.first + 1] - legs_used(path, chain.first, shared)[0]
-    last = plan.piece_s[chain.last + 1] + legs_used(path, chain.last, shared)[1]
+    before, behind = legs_used(path, chain.first, shared)[0], legs_used(path, chain.last, shared)[1]
+    first, last = plan.piece_s[chain.first + 1] - before, plan.piece_s[chain.last + 1] + behind
     earliest, latest = max(time_of(first, plan), plan.t[0]), min(time_of(last, plan), plan.t[-1])
-    earliest += UNTOUCHED * (t1 - earliest)
-    latest -= UNTOUCHED * (latest - t2)
+    steady = FLAT_PERIODS * limits.period
+    at_first = at_last = 0.0
+    if before == path.length[chain.first] and _speed_at(earliest, plan) > 0.0:
+        at_first = min(steady, 0.5 * (t1 - earliest))
+    if behind == path.length[chain.last + 1] and _speed_at(latest, plan) > 0.0:
+        at_last = min(steady, 0.5 * (latest - t2))
+    earliest += max(UNTOUCHED * (t1 - earliest), at_first)
+    latest -= max(UNTOUCHED * (latest - t2), at_last)
     begin, end = max(chain.begin, earliest), min(chain.end, latest)
     slow = (SLOW * bound[chain.first], SLOW * bound[chain.last + 1])
     return _after_rise(begin, t1, slow[0], plan), _before_fall(end, t2, slow[1], plan)

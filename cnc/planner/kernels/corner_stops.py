@@ -109,7 +109,7 @@ def _chain_and_times(
     most = MOST_CORNERS
     while True:
         chain = chain_from(path, plan, b, shared, bound, limits, most)
-        times = times_of_motion(path, plan, chain, shared, bound)
+        times = times_of_motion(path, plan, chain, shared, bound, limits)
         if chain.last == b or goes_on(times, plan, limits)[1]:
             return chain, times
         most = chain.last - b
