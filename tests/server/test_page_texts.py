@@ -5,6 +5,8 @@ from typing import get_args, get_type_hints
 
 import pytest
 
+from cnc.boards.grbl.messages import INPUTS
+from cnc.boards.grbl.settings import NAMES as SETTINGS
 from cnc.boards.protocols import Condition
 from cnc.checks.selection import findings
 from cnc.checks.translations import LANGUAGES, findings_in
@@ -102,7 +104,7 @@ VARIABLES = {"title", "hint", "fix[0]"}
 """Variables in the place of titles: see ``said_by_server``."""
 
 
-SAME = {"deg", "EQ", "Hz"}
+SAME = {"deg", "EQ", "Hz", "mm", "min", "ms", "us"}
 """Units and codes are the same in each language."""
 
 
@@ -111,7 +113,9 @@ def said_by_server() -> set[str]:
     titles |= set(parser._TITLES.values()) | {"write a decimal point", "write {0}"}
     titles |= {f"write {syntax_errors._TYPOGRAPHIC[each]}" for each in syntax_errors._PLAIN}
     turns = set(get_args(get_type_hints(Spindle)["state"])) - {"off"}
-    return sentences_of_server() | titles | turns | {SIMULATED}
+    return (
+        sentences_of_server() | titles | turns | {SIMULATED, *INPUTS.values(), *SETTINGS.values()}
+    )
 
 
 @pytest.mark.parametrize("language", LANGUAGES)

@@ -33,7 +33,8 @@ export function say(text, {isNote = false, isBrief = false, english = ""} = {}) 
 /** Tell of a finding of the server. */
 function tellOf(finding, isNote) {
   const {message, hint, detail: english} = explained(finding);
-  say([finding.line && !isNote ? t`line ${finding.line}: ${message}` : message, hint].filter(Boolean).join("\n"), {isNote, english});
+  const text = finding.line && !isNote ? t`line ${finding.line}: ${message}` : message;
+  say([text, hint].filter(Boolean).join(english ? " " : "\n"), {isNote, english});
 }
 
 /** Show what can work now, and the next step where no program runs. */
@@ -45,7 +46,7 @@ export function needs() {
 }
 
 /** Return a text of the server in the words of the page instead of the command line's. */
-export const worded = text => text.replace(/--from-line (\d+)/g, `\u201c${t`From line`}\u201d $1`).replace(/--trust-position/g, `\u201c${t`trust the position`}\u201d`)
+export const worded = text => text.replace(/--from-line\b/g, `\u201c${t`From line`}\u201d`).replace(/--trust-position/g, `\u201c${t`trust the position`}\u201d`)
   .replace(/--home(?= |,|$)/gm, `\u201c${t`home first`}\u201d`).replace(/, or cncrun home\b/g, "").replace(/, cncrun home alone\b/g, `, the button ${t`Home`} alone`)
   .replace(/--height-map\b/g, t`a height map`).replace(/--stock /g, `${t`the stock`} `);
 
@@ -292,7 +293,7 @@ function showState(event) {
   if (list.children.length !== lamps.length) list.replaceChildren(...lamps.map(() => document.createElement("li")));
   for (const [k, [name, active]] of lamps.entries()) {
     const item = list.children[k];
-    write(item, `${word(name)}: ${active ? t`on` : t`off`}`);
+    write(item, `${said(name)}: ${active ? t`on` : t`off`}`);
     item.classList.toggle("active", active && name in event.inputs);
   }
 }

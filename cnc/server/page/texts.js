@@ -10,7 +10,7 @@ import {keep, kept} from "./parts.js";
 const LANGUAGES = {en: "English", de: "Deutsch"};
 const ATTRIBUTES = ["aria-label", "title", "placeholder"];
 
-const SEPARATORS = ["; ", ", ", ": "];  // between the sentences and values of a text of the server
+const SEPARATORS = [" · ", "; ", ", ", ": "];  // between the sentences and values of a text of the server
 
 let texts = new Map(), sentences = new Map(), patterns = [], meanings = {};
 

@@ -120,6 +120,7 @@ SITES = {
     "cnc/model/blocks.py": ["pause_reason"],
     "cnc/session/required_capabilities.py": ["pause_text"],
     "cnc/boards/grbl/messages.py": ["door"],
+    "cnc/operate/machines.py": ["readings"],
     "cnc/session/resume.py": ["_approach", "_restore"],
     "cnc/measure/procedures.py": [
         *("backlash", "backlash_of", "pitch", "pitch_of", "_pitch_rows", "square", "square_of"),
@@ -128,6 +129,8 @@ SITES = {
     "cnc/measure/limits.py": ["limits"],
     "cnc/measure/ringing.py": ["shaken", "of_record", "of_columns"],
     "cnc/measure/machine_file.py": ["of", "steps"],
+    "cnc/view/page.py": ["_facts"],
+    "cnc/view/sketch.py": ["data"],
     "cnc/server/library.py": ["fault_of_name", "_files"],
     "cnc/gcode/reader/parser.py": ["_fix"],
 }
@@ -220,7 +223,7 @@ def _titles(node: ast.AST) -> Iterator[ast.expr]:
 
 # The translation of a sentence, as the page makes it.
 
-SEPARATORS = ("; ", ", ", ": ")
+SEPARATORS = (" · ", "; ", ", ", ": ")
 
 
 class Said(NamedTuple):
