@@ -504,9 +504,7 @@ class RestartPoint:
         if coolant is not None and (coolant.mist or coolant.flood):
             yield replace(coolant, line=line)
             both = coolant.mist and coolant.flood
-            steps.append(
-                "mist and flood on" if both else "mist on" if coolant.mist else "flood on"
-            )
+            steps.append("mist and flood on" if both else "mist on" if coolant.mist else "flood on")
 
     def _unknown(self, message: str, hint: str) -> GcodeError:
         return GcodeError(Diagnostic("from-line-unknown", message, self.file, self.line, hint=hint))

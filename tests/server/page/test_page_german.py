@@ -250,7 +250,7 @@ def test_a_notice_has_its_values_below_the_german_text(browser, address):
     }
     page.evaluate(TELL, {"event": "notice", "finding": found | {"severity": "warning", "line": 0}})
     message = page.locator("#message")
-    expect(message).to_contain_text("Die Steuerkarte bewegt nach ihren eigenen Einstellungen")
+    expect(message).to_contain_text("Die Steuerkarte fährt nach ihren eigenen Einstellungen")
     expect(message.locator(".detail")).to_have_text(f"{found['message']}\nhelp: as usual")
     # A code that the catalogue does not have is shown as it comes.
     page.evaluate(TELL, {"event": "alarm", "finding": found | {"code": "new-code", "line": 3}})
