@@ -182,8 +182,12 @@ def pitch(
             yield GoTo(upright.letter, depth + lift, guarded=True)
             yield GoTo(letter, start + distance, guarded=True)
             if blocks:
-                how = "put blocks to" if face.towards < 0 else "take blocks from"
-                yield Todo(f"{how} the row, until its face is {distance:g} mm above the first one")
+                yield Todo(
+                    f"put blocks to the row, until its face is {distance:g} mm above the first one"
+                    if face.towards < 0
+                    else f"take blocks from the row, until its face is {distance:g} mm above the "
+                    "first one"
+                )
             yield GoTo(upright.letter, depth, guarded=True)
         place, spread = yield from touched(scale, face)
         at.append(place)
@@ -248,4 +252,4 @@ def square(
             run = ways[k] - math.copysign(inset, ways[k])
             lean += math.atan((contacts[1] - contacts[0]) / run)
         angles.append(math.degrees(lean))
-    return square_of(scales, lengths, angles, f", contacts within {largest:.4f} mm")
+    return square_of(scales, lengths, angles, f"contacts within {largest:.4f} mm")

@@ -335,14 +335,17 @@ def pitch(
     up = []
     for number, place in enumerate(at):
         yield GoTo(letter, place)
-        up.append((yield Reading(f"{todo if not number else ''}the scale at {name}{place:g}")))
+        reading = f"the scale at {name}{place:g}"
+        up.append((yield Reading(reading if number else todo + reading)))
     down = list(up)
     if both:
         yield GoTo(letter, turns[1])
         for number in reversed(range(places)):
             yield GoTo(letter, at[number])
             down[number] = yield Reading(f"the scale at {name}{at[number]:g}, from above")
-    method = f"{places} places from {at[0]:g} to {at[-1]:g} mm{', both directions' if both else ''}"
+    method = f"{places} places from {at[0]:g} to {at[-1]:g} mm"
+    if both:
+        method += ", both directions"
     return pitch_of(scale, at, up, down, method)
 
 
@@ -429,11 +432,11 @@ def _pitch_rows(table: Sequence[ErrorPoint], letter: str) -> tuple[Row, ...]:
         motors = middle + corrected.correction(middle, side)
         after = motors + np.interp(motors, at, errors) - middle
         before = np.interp(middle, at, errors)
-        mark = "" if not corrected.play else " up" if side > 0.0 else " down"
-        rows += [
-            Row(f"{letter.upper()}{place:g}{mark}", float(b), float(a))
-            for place, b, a in zip(middle, before, after, strict=True)
-        ]
+        for place, b, a in zip(middle, before, after, strict=True):
+            name = f"{letter.upper()}{place:g}"
+            if corrected.play:
+                name = f"{name} up" if side > 0.0 else f"{name} down"
+            rows.append(Row(name, float(b), float(a)))
     return tuple(rows)
 
 
@@ -475,13 +478,16 @@ def square(
         leans = []
         for k, (scale, length) in enumerate(zip(scales, lengths, strict=True)):
             across, side = names[1 - k], "plus" if points_to_plus else "minus"
-            what = (
-                "turn the square over, keep its first leg along" if half else "lay a square along"
+            place = (
+                f"turn the square over, keep its first leg along {names[0]} "
+                f"and its second leg along {names[1]}\n"
+                if half
+                else f"lay a square along {names[0]} and its second leg along {names[1]}\n"
             )
-            place = f"{what} {names[0]} and its second leg along {names[1]}\n" if not k else ""
             yield GoTo(scale.letter, scale.place)
             before = yield Reading(
-                f"{place}let the gauge of the spindle touch the leg along {names[k]}, "
+                ("" if k else place)
+                + f"let the gauge of the spindle touch the leg along {names[k]}, "
                 f"its plunger towards {side} {across}\nthe gauge at the begin of the leg"
             )
             yield GoTo(scale.letter, scale.place + length)
@@ -509,10 +515,11 @@ def square_of(
     names = tuple(scale.letter.upper() for scale in scales)
     angle = float(np.mean(angles))
     pair = "".join(scale.letter for scale in scales)
-    own = ""
+    remark = f"legs of {abs(lengths[0]):g} and {abs(lengths[1]):g} mm"
     if len(angles) > 1:
-        own = f", the square's own error {0.5 * (angles[1] - angles[0]):+.4f} deg"
-    remark = f"legs of {abs(lengths[0]):g} and {abs(lengths[1]):g} mm{own}{method}"
+        remark += f", the square's own error {0.5 * (angles[1] - angles[0]):+.4f} deg"
+    if method:
+        remark += f", {method}"
     value = round(angle, 4)
     row = Row(
         f"over {abs(lengths[1]):g} mm",

@@ -111,6 +111,7 @@ class Dialog:
             middle of a program. door: the safety door. reading: a number of a measurement, mm.
             todo: the operator does something for a measurement.
         text: The question; the last line of a reading says what is read.
+        doubts: Warnings, for ``restart``; the text begins with their messages.
         steps: The steps to the start line, for ``restart``.
         approach: The places of these steps, mm: a number for each axis in the machine's order.
     """
@@ -119,6 +120,7 @@ class Dialog:
     id: int
     kind: Literal["tool", "stop", "restart", "door", "reading", "todo"]
     text: str
+    doubts: tuple[Finding, ...] = ()
     steps: tuple[str, ...] = ()
     approach: tuple[tuple[float, ...], ...] = ()
 

@@ -73,19 +73,27 @@ class Dialogs:
         question = self._open
         return None if question is None else question.dialog
 
-    def show(
-        self, kind: DialogKind, text: str, steps: Sequence[str] = (), approach: Approach = ()
-    ) -> Dialog:
+    def show(self, kind: DialogKind, text: str) -> Dialog:
         """Ask; an older question is closed."""
-        return self.begin(kind, text, steps, approach).dialog
+        return self.begin(kind, text).dialog
 
     def begin(
-        self, kind: DialogKind, text: str, steps: Sequence[str] = (), approach: Approach = ()
+        self,
+        kind: DialogKind,
+        text: str,
+        doubts: Sequence[Diagnostic] = (),
+        steps: Sequence[str] = (),
+        approach: Approach = (),
     ) -> Question:
         """Ask as :meth:`show`; return the question, which is answered later."""
         self.close()
         dialog = Dialog(
-            id=next(QUESTIONS), kind=kind, text=text, steps=tuple(steps), approach=approach
+            id=next(QUESTIONS),
+            kind=kind,
+            text=text,
+            doubts=tuple(map(Finding.of, doubts)),
+            steps=tuple(steps),
+            approach=approach,
         )
         question = Question(dialog, threading.Event())
         with self._lock:
@@ -94,11 +102,16 @@ class Dialogs:
         return question
 
     def ask(
-        self, kind: DialogKind, text: str, steps: Sequence[str] = (), approach: Approach = ()
+        self,
+        kind: DialogKind,
+        text: str,
+        doubts: Sequence[Diagnostic] = (),
+        steps: Sequence[str] = (),
+        approach: Approach = (),
     ) -> bool:
         """Ask, and wait for the answer."""
         # An answer may come before the event has reached every listener.
-        question = self.begin(kind, text, steps, approach)
+        question = self.begin(kind, text, doubts, steps, approach)
         question.answered.wait()
         return question.yes
 
@@ -165,7 +178,7 @@ class RunWatch:
         self._shown: tuple[Stage, int, float] = ("checking", -1, 0.0)
         self._reason = ""
         self._approach: Approach = ()
-        self._doubts: list[str] = []
+        self._doubts: list[Diagnostic] = []
 
     def callbacks(self) -> Callbacks:
         """Return the functions that the session calls."""
@@ -179,8 +192,8 @@ class RunWatch:
 
     def _confirm(self, steps: Sequence[str]) -> bool:
         """Ask whether to go to the first line; the question names what is doubtful."""
-        text = "; ".join((*self._doubts, steps[0]))
-        return self._dialogs.ask("restart", text, steps[1:], self._approach)
+        text = "; ".join((*(doubt.message for doubt in self._doubts), steps[0]))
+        return self._dialogs.ask("restart", text, self._doubts, steps[1:], self._approach)
 
     def _take_approach(self, places: Sequence[NDArray[np.float64]]) -> None:
         self._approach = tuple(tuple(place.tolist()) for place in places)
@@ -196,7 +209,7 @@ class RunWatch:
 
     def _warning(self, finding: Diagnostic) -> None:
         if finding.severity == "warning" and not finding.file:
-            self._doubts.append(finding.message)
+            self._doubts.append(finding)
         if _own(finding, self._skipped):
             self._events.emit(Notice(finding=Finding.of(_moved(finding, self._skipped))))
 

@@ -15,10 +15,11 @@ from pathlib import Path
 from typing import Annotated, Any, Concatenate, ParamSpec, TypeVar
 
 from fastapi import APIRouter, Depends, Header, HTTPException, Query, Request
-from fastapi.responses import FileResponse
+from fastapi.responses import FileResponse, JSONResponse
 from pydantic import FiniteFloat
 
 from cnc.boards.registry import board_names
+from cnc.checks.translations import LANGUAGES, findings_in
 from cnc.measure.orders import Backlash, Order, Pitch, Ringing, Square, TouchProbe
 from cnc.model import parameter_numbers as numbers
 from cnc.model.diagnostics import Diagnostic, UsageError
@@ -71,6 +72,8 @@ from cnc.session.options import RunOptions
 from cnc.version import __version__
 from cnc.view.collect import stock_box
 
+KEPT = 3600
+"""Time for which a browser keeps the meanings of the findings, s."""
 P = ParamSpec("P")
 T = TypeVar("T")
 QUICK = 0.05
@@ -152,6 +155,18 @@ async def machine(console: Shared) -> dict[str, Any]:
         "stock": stock_box(known),
         "homes": known.can_home or bool(session.state.homed),
     }
+
+
+@router.get("/meanings/{language}")
+def meanings(language: str) -> JSONResponse:
+    """Return meaning and remedy of each finding by its code, in a language other than English."""
+    if language not in LANGUAGES:
+        raise _not_found(f"there are no texts in the language {language[:20]!r}")
+    texts = {
+        code: {"meaning": finding.meaning, "remedy": finding.remedy}
+        for code, finding in findings_in(language).items()
+    }
+    return JSONResponse(texts, headers={"cache-control": f"private, max-age={KEPT}"})
 
 
 @router.get("/state")

@@ -60,7 +60,8 @@ def pause_text(block: Block, reader: ProgramReader) -> str:
     if isinstance(block, Tool):
         entry = reader.saved.tools().tool(block.number)
         if entry is not None and entry.comment:
-            return f"{reason}: {entry.comment} (tool table)"
+            comment = f"{entry.comment} (tool table)"
+            return f"{reason}: {comment}"
     comment = _comment_at(block, reader)
     return f"{reason}: {comment}" if comment else reason
 

@@ -439,8 +439,11 @@ class RestartPoint:
         """Yield the blocks from the present position to the begin of line N; see the drawing."""
         target, z, top = state.position, self._z, self._top
         self.approach = [np.array(start, np.float64)]
-        where = f"from line {self.line}" if self._pause is None else f"after line {self.line}"
-        steps = [f"{where}, in machine coordinates:"]
+        steps = [
+            f"from line {self.line}, in machine coordinates:"
+            if self._pause is None
+            else f"after line {self.line}, in machine coordinates:"
+        ]
         moved = self._pause is not None or bool(state.touched.any())
         state.refuse_coupled(self.file, self.line)
         for coupling in ("SpindleSync", "TipControl"):
@@ -455,14 +458,10 @@ class RestartPoint:
                 steps.append(f"lift Z to {height:.3f}")
         if moved:
             yield self._traverse(across, line)
-            places = zip(self._letters, across, strict=True)
-            steps.append("go to " + " ".join(f"{letter}{value:.3f}" for letter, value in places))
+            steps.append(f"go to {_listed(zip(self._letters, across, strict=True))}")
         if self._unnamed.any():
-            kept = " ".join(
-                f"{letter}{value:.3f}"
-                for letter, value, unnamed in zip(self._letters, start, self._unnamed, strict=True)
-                if unnamed
-            )
+            places = zip(self._letters, start, self._unnamed, strict=True)
+            kept = _listed((letter, value) for letter, value, unnamed in places if unnamed)
             steps.append(f"stay at {kept}: no line before gives a place there")
         yield from self._restore(state, line, steps)
         if z is not None and across[z] > target[z] + SAME:
@@ -474,8 +473,11 @@ class RestartPoint:
                     Diagnostic("from-line-unknown", message, self.file, line, hint=hint)
                 )
             yield self._straight(target, feed, line)
-            speed = "" if math.isnan(feed) else f" with F{per_minute(feed):g}"
-            steps.append(f"go down to Z{target[z]:.3f}{speed}")
+            steps.append(
+                f"go down to Z{target[z]:.3f}"
+                if math.isnan(feed)
+                else f"go down to Z{target[z]:.3f} with F{per_minute(feed):g}"
+            )
         spindle = state.spindle
         if self._laser and spindle is not None and spindle.state != "off":
             yield replace(spindle, line=line, with_motion=True)
@@ -501,8 +503,8 @@ class RestartPoint:
                 )
         if coolant is not None and (coolant.mist or coolant.flood):
             yield replace(coolant, line=line)
-            names = [name for name in ("mist", "flood") if getattr(coolant, name)]
-            steps.append(" and ".join(names) + " on")
+            both = coolant.mist and coolant.flood
+            steps.append("mist and flood on" if both else "mist on" if coolant.mist else "flood on")
 
     def _unknown(self, message: str, hint: str) -> GcodeError:
         return GcodeError(Diagnostic("from-line-unknown", message, self.file, self.line, hint=hint))
@@ -515,6 +517,11 @@ class RestartPoint:
         return Polyline(
             self.file, line, end[None, :].copy(), np.array([feed]), np.array([line], np.int32)
         )
+
+
+def _listed(places: Iterable[tuple[str, float]]) -> str:
+    """Return the places of axes as a text, mm."""
+    return " ".join(f"{letter}{value:.3f}" for letter, value in places)
 
 
 def _feed_of(block: Block) -> float:

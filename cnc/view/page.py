@@ -128,14 +128,7 @@ def about_picture(picture: Picture, report: Report) -> dict[str, Any]:
     low, high = strokes.position.min(axis=0), strokes.position.max(axis=0)
     return {
         "program": shown_name(report.program),
-        "facts": " · ".join(
-            (
-                clock(picture.duration),
-                f"{number(report.path_length_mm)} mm",
-                f"{number(report.lines)} lines",
-                report.machine.name,
-            )
-        ),
+        "facts": _facts(picture, report),
         "accuracy": _accuracy(picture),
         "duration": picture.duration,
         "tick": max(picture.duration, 1e-9) / (2**32 - 1),
@@ -174,6 +167,16 @@ def _joints(machine: Machine) -> list[dict[str, Any]]:
         }
         for (name, joint), angular in joints
     ]
+
+
+def _facts(picture: Picture, report: Report) -> str:
+    parts = (
+        clock(picture.duration),
+        f"{number(report.path_length_mm)} mm",
+        f"{number(report.lines)} lines",
+        report.machine.name,
+    )
+    return " · ".join(parts)
 
 
 def _accuracy(picture: Picture) -> str:

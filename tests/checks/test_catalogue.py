@@ -18,10 +18,10 @@ COMPUTED = {"probe-contact", "switch-contact"}
 
 @cache
 def nodes() -> list[ast.AST]:
-    """Return the calls, assignments and functions of the source. Kernels report no findings."""
+    """Return calls, assignments, functions and dicts of the source. Kernels report no findings."""
     files = [file for file in (ROOT / "cnc").rglob("*.py") if "kernels" not in file.parts]
     trees = [ast.parse(file.read_text(encoding="utf-8")) for file in files]
-    read = ast.Call | ast.Assign | ast.AnnAssign | ast.FunctionDef
+    read = ast.Call | ast.Assign | ast.AnnAssign | ast.FunctionDef | ast.Dict
     return [node for tree in trees for node in ast.walk(tree) if isinstance(node, read)]
 
 
@@ -90,14 +90,18 @@ def strings(nodes: list[ast.expr]) -> set[str]:
 
 
 def codes_in_source() -> set[str]:
-    """Return the codes in arguments, in ``code = ...`` and in ``code, message = ...``."""
+    """Return the codes in arguments, ``code = ...``, ``code, message = ...``, ``{"code": ...}``."""
     found = {code for code, _, _ in ALARMS.values()} | COMPUTED
     # The table of forms of G6.2 has the codes of each form.
-    names = makers(lesser=False) | {"Diagnostic", "Form"}
+    names = makers(lesser=False) | {"Diagnostic", "Form", "Refusal"}
     for node in nodes():
         if isinstance(node, ast.Call):
             if name_of(node) in names:
                 found |= strings(node.args)
+            found |= strings([each.value for each in node.keywords if each.arg == "code"])
+        elif isinstance(node, ast.Dict):
+            parts = zip(node.keys, node.values, strict=True)
+            found |= strings([each for key, each in parts if getattr(key, "value", "") == "code"])
         elif isinstance(node, ast.Assign | ast.AnnAssign) and node.value is not None:
             targets = node.targets if isinstance(node, ast.Assign) else [node.target]
             for target in targets:

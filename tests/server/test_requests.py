@@ -337,6 +337,19 @@ def test_the_machine_and_its_cycles_are_described(client):
     assert cycles["probe_z"]["parameters"][0]["name"] == "thickness"
 
 
+def test_the_meanings_of_the_findings_are_kept_by_a_browser(client):
+    answer = client("GET", "/api/meanings/de")
+    assert answer.json()["no-control"] == {
+        "meaning": "Ein anderes Gerät bedient die Maschine, oder keines.",
+        "remedy": "Zuerst die Bedienung übernehmen.",
+    }
+    assert answer.headers["cache-control"] == "private, max-age=3600"
+    for language in ("xx", "findings", "..%2Fde", "d" * 500):
+        missing = client("GET", f"/api/meanings/{language}")
+        assert missing.status_code == 404
+        assert missing.headers["cache-control"] == "no-store"
+
+
 def test_unknown_cycles_macros_and_parameters_are_refused(controller, console):
     idle(console)
     run = "/api/probing/{}/run".format

@@ -45,7 +45,7 @@ export async function send(method, path, body) {
     found.hint = t`press Take control first`;
     if (key !== null) loseControl();
   }
-  throw new Refused(found.message ? found : {code: "http-error", message: t`the server refuses this (${answer.status})`});
+  throw new Refused(found.message ? found : {code: "", message: t`the server refuses this (${answer.status})`});
 }
 
 export const get = path => send("GET", path);

@@ -9,7 +9,7 @@ import {markSign, showFindings, writeMarks} from "./findings.js";
 import * as jobs from "./jobs.js";
 import {needs, say} from "./machine.js";
 import {showPart} from "./parts.js";
-import {t} from "./texts.js";
+import {explained, t} from "./texts.js";
 
 const element = id => document.getElementById(id);
 const ROW = 19;        // px, height of a line
@@ -148,7 +148,7 @@ async function read() {
     else if (open === mine && element("editor").value === text) list(found);
   } catch (error) {
     if (!(error instanceof Refused)) throw error;
-    if (open === mine) element("edit-state").textContent = visible(error.message);
+    if (open === mine) element("edit-state").textContent = visible(explained(error.finding).message);
   } finally {
     reading = false;
   }
@@ -163,7 +163,7 @@ function list(findings) {
   const errors = findings.filter(({severity}) => severity === "error").length;
   const [first] = findings.filter(({severity}) => severity === "error" || !errors);
   element("edit-state").textContent = (errors === 1 ? t`1 error, ${findings.length - errors} warnings and notes` : t`${errors} errors, ${findings.length - errors} warnings and notes`)
-    + (first ? t`; line ${first.line}: ${visible(first.message)}` : "");
+    + (first ? t`; line ${first.line}: ${visible(explained(first).message)}` : "");
   showFindings(findings.map(finding => ({...finding, fix: null})), element("edit-name").value.trim(), goTo);
   draw();
 }

@@ -3,7 +3,7 @@
 import {attempt, get, post, visible} from "./api.js";
 import {askYes} from "./asking.js";
 import {needs, worded} from "./machine.js";
-import {t, word} from "./texts.js";
+import {detail, explained, said, t, word} from "./texts.js";
 
 const SIGNS = {error: "▲", warning: "!", note: "i"};  // the worst first
 const MOST = 200;  // findings of the list
@@ -19,14 +19,14 @@ export function showFindings(findings, job, go, repaired) {
   marks = new Map();
   for (const finding of findings) if (finding.line && finding.file === job) marks.set(finding.line, [...marks.get(finding.line) ?? [], finding]);
   document.getElementById("findings").replaceChildren(...findings.slice(0, MOST).map(finding => {
-    const {severity, code, message, file, line, column, hint, fix} = finding, isHere = file === job;
+    const {severity, code, file, line, column, fix} = finding, {message, hint, detail: english} = explained(finding), isHere = file === job;
     const item = document.createElement("li"), button = document.createElement("button"), help = document.createElement("small");
     button.type = "button";
     button.className = severity;
     button.textContent = visible(`${file && !isHere ? `${file}, ` : ""}${line ? t`line ${line}: ` : ""}${word(severity)} ${code}: ${message}`);
     button.dataset.sign = SIGNS[severity];
-    help.textContent = visible([column ? t`column ${column}` : "", worded(hint ?? "")].filter(Boolean).join(": "));
-    button.append(help);
+    help.textContent = visible([column ? t`column ${column}` : "", worded(hint)].filter(Boolean).join(": "));
+    button.append(help, ...detail(english));
     button.addEventListener("click", () => { if (line && isHere) go(line, column); });
     item.append(button);
     if (fix && isHere) {
@@ -48,7 +48,7 @@ async function repair({code, line, column}, job, repaired) {
   const changes = lines.slice(0, MOST_LINES).flatMap(({line: number, old, new: text}) =>
     [`${number} \u2212 ${visible(old)}`, ...text.split("\n").map(each => `${number} + ${visible(each)}`)]);
   if (count > MOST_LINES) changes.push(t`and ${count - MOST_LINES} more lines`);
-  const what = t`${visible(job)}, line ${line}: ${visible(title)}?\n`;
+  const what = t`${visible(job)}, line ${line}: ${visible(said(title))}?\n`;
   const yes = await (safe ? askYes(what + t`The program does the same after it.`, t`Repair`, changes)
     : askYes(what + t`\u26a0 The program may do something else after it. Read the lines first.`, t`Repair, I have read them`, changes));
   if (!yes) return;
@@ -61,7 +61,10 @@ export function markSign(row, number) {
   const here = marks.get(number) ?? [], worst = Object.keys(SIGNS).find(each => here.some(({severity}) => severity === each));
   if (worst) {
     row.classList.add(worst);
-    row.title = here.map(({code, message}) => visible(`${code}: ${message}`)).join("\n");
+    row.title = here.map(finding => {
+      const {message, detail: english} = explained(finding);
+      return [`${finding.code}: ${message}`, ...english.split("\n")].filter(Boolean).map(visible).join("\n");
+    }).join("\n");
   }
   return SIGNS[worst] ?? " ";
 }

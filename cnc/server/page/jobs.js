@@ -8,7 +8,7 @@ import {named, needs, say} from "./machine.js";
 import {showPart} from "./parts.js";
 import * as picture from "./picture.js";
 import * as heights from "./probing.js";
-import {t, word} from "./texts.js";
+import {explained, said, t, word} from "./texts.js";
 
 const element = id => document.getElementById(id);
 const WINDOW = 500;  // lines that are fetched at a time
@@ -121,7 +121,7 @@ async function list() {
   const jobs = await get("jobs"), select = element("jobs");
   select.replaceChildren(...jobs.map(({name, outcome}) => new Option(outcome ? `${visible(name)} (${word(outcome)})` : visible(name), name)));
   const others = await get("left-out"), most = 5;
-  element("left-out").textContent = others.length === 0 ? "" : t`Not in the list: ${others.slice(0, most).map(({name, why}) => `${visible(name)} (${why})`).join("; ")}`
+  element("left-out").textContent = others.length === 0 ? "" : t`Not in the list: ${others.slice(0, most).map(({name, why}) => `${visible(name)} (${said(why)})`).join("; ")}`
     + (others.length > most ? t`; and ${others.length - most} more files` : "");
   if (!uploading && !jobs.some(({name}) => name === job)) await open(jobs[0]?.name ?? null);
   select.value = job ?? "";
@@ -307,7 +307,9 @@ function ended({program, outcome, seconds, stopped_at_line: stopped, resume_line
   if (program === job) element("from-line").value = resume ?? "";
   showRun();
   if (program === job) element("outcome").textContent = text;
-  say([text, ...errors.map(({message, hint}) => [message, hint].filter(Boolean).join("; "))].join("\n"), {isNote: outcome === "done", isBrief: outcome === "done" && program === "MDI"});
+  const told = errors.map(explained), english = told.map(({detail}) => detail).filter(Boolean).join("\n");
+  say([text, ...told.map(({message, hint}) => [message, hint].filter(Boolean).join(english ? " " : "; "))].join("\n"),
+    {isNote: outcome === "done", isBrief: outcome === "done" && program === "MDI", english});
 }
 
 /** Return px of the whole text for each px of the scroll bar: more than 1 for a text that is taller than an element can be. */

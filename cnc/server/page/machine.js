@@ -6,7 +6,7 @@ import {halve, setZero} from "./hand.js";
 import {forget} from "./jog.js";
 import {explain, showNeeds} from "./needs.js";
 import {showPart} from "./parts.js";
-import {t, word} from "./texts.js";
+import {detail, explained, said, t, word} from "./texts.js";
 
 const element = id => document.getElementById(id);
 const BRIEF = 6000;  // ms
@@ -19,15 +19,22 @@ let isOpen = false, place = null, hasMet = false, brief = 0;
 /** Return a number with three decimals and a true minus sign. */
 export const shown = value => value === undefined || value === null ? "–" : value.toFixed(3).replace("-", "\u2212");
 
-/** Show a message to the operator; a brief one goes by itself. */
-export function say(text, {isNote = false, isBrief = false} = {}) {
+/** Show a message to the operator, with the English text of the server; a brief one goes by itself. */
+export function say(text, {isNote = false, isBrief = false, english = ""} = {}) {
   clearTimeout(brief);
   if (isBrief) brief = setTimeout(() => { element("message").hidden = true; }, BRIEF);
   const place = element("message");
   place.hidden = !text;
   place.className = isNote ? "note" : "";
   element("message-text").scrollTop = 0;
-  element("message-text").textContent = worded(text);
+  element("message-text").replaceChildren(worded(text), ...detail(english));
+}
+
+/** Tell of a finding of the server. */
+function tellOf(finding, isNote) {
+  const {message, hint, detail: english} = explained(finding);
+  const text = finding.line && !isNote ? t`line ${finding.line}: ${message}` : message;
+  say([text, hint].filter(Boolean).join(english ? " " : "\n"), {isNote, english});
 }
 
 /** Show what can work now, and the next step where no program runs. */
@@ -39,9 +46,9 @@ export function needs() {
 }
 
 /** Return a text of the server in the words of the page instead of the command line's. */
-export const worded = text => text.replace(/--from-line (\d+)/g, `\u201c${t`From line`}\u201d $1`).replace(/--trust-position/g, `\u201c${t`trust the position`}\u201d`)
+export const worded = text => text.replace(/--from-line\b/g, `\u201c${t`From line`}\u201d`).replace(/--trust-position/g, `\u201c${t`trust the position`}\u201d`)
   .replace(/--home(?= |,|$)/gm, `\u201c${t`home first`}\u201d`).replace(/, or cncrun home\b/g, "").replace(/, cncrun home alone\b/g, `, the button ${t`Home`} alone`)
-  .replace(/--height-map\b/g, "a height map").replace(/--stock /g, "the stock ");
+  .replace(/--height-map\b/g, t`a height map`).replace(/--stock /g, `${t`the stock`} `);
 
 /** Return the name of a program, or of the cycle that a line calls. */
 export const named = program => visible(program.replace(/^o<(\w+)> call.*/, "$1"));
@@ -71,8 +78,8 @@ export async function begin() {
   on("offsets", event => { rotations = event.rotations; });
   on("dialog", ask);
   on("dialog-closed", event => { if (String(event.id) === element("question").dataset.id) closeQuestion(); });
-  on("alarm", ({finding}) => say([finding.line ? t`line ${finding.line}: ${finding.message}` : finding.message, finding.hint].filter(Boolean).join("\n")));
-  on("notice", ({finding}) => say([finding.message, finding.hint].filter(Boolean).join("\n"), {isNote: true}));
+  on("alarm", ({finding}) => tellOf(finding, false));
+  on("notice", ({finding}) => tellOf(finding, true));
   on("link", ({open}) => {
     if (!open) {
       say(t`the connection to the server is lost; trying again`);
@@ -174,7 +181,13 @@ async function agree() {
 }
 
 /** Return the text of a question, and what is to be known for it. */
-function texts({kind, text}) {
+function texts({kind, text: english, doubts}) {
+  const told = doubts.map(explained), isEnglish = told.every(({detail}) => detail === "");
+  if (doubts.length && !isEnglish) {
+    const messages = doubts.map(({message}) => message).join("; ");
+    return [worded([...told.map(({message}) => message), said(english.slice(messages.length + 2))].join(" ")), messages];
+  }
+  const text = said(english);
   if (["tool", "stop"].includes(kind)) return [worded(text), t`You may jog, set a zero and probe before you go on. The spindle stops then, and the program goes on from here with the new zero.`];
   const lines = worded(text).split("\n");
   return kind === "reading" ? [lines.at(-1), lines.slice(0, -1).join("\n")] : [worded(text), ""];
@@ -187,13 +200,15 @@ function ask(dialog) {
   place.dataset.id = dialog.id;
   place.dataset.kind = dialog.kind;
   [element("question-text").textContent, element("question-help").textContent] = texts(dialog);
+  // Below the doubts of a start stands what the server says.
+  element("question-help").lang = dialog.doubts.length ? "en" : document.documentElement.lang;
   element("question-field").hidden = !reads;
   element("question-unit").textContent = "mm";
   // A number that is half typed survives a lost connection.
   if (isNew) element("question-value").value = "";
   element("yes").querySelector("span").textContent = reads ? t`Take the reading` : t`Go on`;
   element("no").querySelector("span").textContent = measures ? t`Stop the measurement` : t`Stop the program`;
-  element("question-steps").replaceChildren(...dialog.steps.map(each => Object.assign(document.createElement("li"), {textContent: worded(each)})));
+  element("question-steps").replaceChildren(...dialog.steps.map(each => Object.assign(document.createElement("li"), {textContent: worded(said(each))})));
   // The text has the focus: a key that was meant for something else must not confirm.
   if (!place.open) place.show();
   // Nor must it be lost: a desk has a keyboard for the next reading, a phone would cover the page.
@@ -240,7 +255,7 @@ function showProgress(event) {
 
 function showState(event) {
   state = event;
-  const badge = element("state"), text = event.held ? `${word(event.state)}: ${word(event.held)}` : word(event.state);
+  const badge = element("state"), text = event.held ? `${word(event.state)}: ${said(event.held)}` : word(event.state);
   write(badge, text);
   badge.dataset.state = event.state;
   // Where the parts stand in a column, the connection comes first until the machine can be used.
@@ -278,7 +293,7 @@ function showState(event) {
   if (list.children.length !== lamps.length) list.replaceChildren(...lamps.map(() => document.createElement("li")));
   for (const [k, [name, active]] of lamps.entries()) {
     const item = list.children[k];
-    write(item, `${word(name)}: ${active ? t`on` : t`off`}`);
+    write(item, `${said(name)}: ${active ? t`on` : t`off`}`);
     item.classList.toggle("active", active && name in event.inputs);
   }
 }

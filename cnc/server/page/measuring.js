@@ -4,7 +4,7 @@ import {attempt, get, on, post, remove, visible} from "./api.js";
 import {askYes} from "./asking.js";
 import {machine, needs, say, shown} from "./machine.js";
 import {sketch} from "./making.js";
-import {t, word} from "./texts.js";
+import {said, t, word} from "./texts.js";
 
 const element = id => document.getElementById(id);
 const LINEAR = "xyzuvw";
@@ -148,11 +148,11 @@ async function show() {
   const {number, kind, running, result} = await get("measurement"), place = element("measure-result"), [name] = kinds()[kind];
   place.hidden = !running && result === null;
   place.dataset.number = number;
-  element("measure-title").textContent = running ? t`${name}: under way` : result?.title ?? "";
-  element("measure-remark").textContent = running ? t`Its questions stand above. STOP ends it; nothing is written then.` : result?.remark ?? "";
+  element("measure-title").textContent = running ? t`${name}: under way` : said(result?.title ?? "");
+  element("measure-remark").textContent = running ? t`Its questions stand above. STOP ends it; nothing is written then.` : said(result?.remark ?? "");
   element("measure-picture").replaceChildren(...result ? [...bars(result.bars), ...trials(result.trials), ...modes(result.modes)] : []);
-  element("measure-steps").replaceChildren(...(result?.steps ?? []).map(step => Object.assign(document.createElement("li"), {textContent: visible(step)})));
-  element("measure-note").textContent = !result ? "" : result.written ? t`Written to ${visible(result.file)}. It takes effect when cncrun serve is started again: home the machine then.` : result.refusal;
+  element("measure-steps").replaceChildren(...(result?.steps ?? []).map(step => Object.assign(document.createElement("li"), {textContent: visible(said(step))})));
+  element("measure-note").textContent = !result ? "" : result.written ? t`Written to ${visible(result.file)}. It takes effect when cncrun serve is started again: home the machine then.` : said(result.refusal);
   element("measure-write").hidden = !result || result.written || result.refusal !== "";
   element("measure-discard").hidden = !result;
   place.dataset.file = result?.file ?? "";
@@ -192,7 +192,7 @@ function bar(part, className) {
 const number = value => Object.assign(document.createElement("span"), {className: "number", textContent: `${value > 0 ? "+" : ""}${shown(value)}`});
 
 const bars = rows => rows.length ? [table([t`error, mm`, t`before`, t`after`], rows.map(row => [
-  row.name, [number(row.before), bar(row.before_part, "before")], [number(row.after), bar(row.after_part, "after")],
+  said(row.name), [number(row.before), bar(row.before_part, "before")], [number(row.after), bar(row.after_part, "after")],
 ]))] : [];
 
 const trials = rows => rows.length ? [table([t`limit`, t`value`, t`switch, mm`, t`steps`], rows.map(({name, value, unit, error, lost}) => [

@@ -7,7 +7,7 @@ import {machine} from "./machine.js";
 import {icon} from "./parts.js";
 import {Part, decoded} from "./part.js";
 import * as playback from "./playback.js";
-import {t, word} from "./texts.js";
+import {said, t, word} from "./texts.js";
 
 const element = id => document.getElementById(id);
 const RAMP = {
@@ -141,7 +141,7 @@ export async function show(found, name, {isWhole = true, seconds = null} = {}) {
   model.reach = Math.max(model.size, ...boxes.map(box => Math.hypot(...box.map(([low, high], k) => Math.max(Math.abs(low - origin[k]), Math.abs(high - origin[k]))))));
   scene = new Scene(element("space"), model, [...edges(about.travel, origin, "travel"), ...edges(about.stock, origin, "stock")]);
   if (!scene.gl) element("picture-note").textContent = t`The path needs WebGL 2, which this browser does not have.`;
-  else element("picture-note").textContent = about.facts + (isOther(seconds, about.duration)
+  else element("picture-note").textContent = said(about.facts) + (isOther(seconds, about.duration)
     ? t`. This is the plan of cncrun; the board plans by itself and takes ${seconds.toFixed(1)} s.` : "");
   playback.take(isWhole && about.duration > 0 && strokes.n > 1 ? about.duration : 0, lineAt);
   box = cutBox();

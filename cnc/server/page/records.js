@@ -3,7 +3,7 @@
 import {attempt, get, on, put, visible} from "./api.js";
 import {say, state} from "./machine.js";
 import {onPart, openPart} from "./parts.js";
-import {t, word} from "./texts.js";
+import {explained, said, t, word} from "./texts.js";
 
 const element = id => document.getElementById(id);
 const KEPT = 2000;  // lines of the console
@@ -49,7 +49,7 @@ async function showSettings() {
     const row = body.insertRow(), field = Object.assign(document.createElement("input"), {value, size: 9});
     const implied = document.createElement("td"), written = document.createElement("td");
     written.setAttribute("role", "status");
-    field.setAttribute("aria-label", `$${number} ${name}`);
+    field.setAttribute("aria-label", `$${number} ${said(name)}`);
     field.addEventListener("change", async () => {
       written.textContent = "";
       if (!/^-?\d{1,10}(\.\d{1,6})?$/.test(field.value.trim())) {
@@ -65,7 +65,7 @@ async function showSettings() {
       written.textContent = done === null ? t`refused` : t`verified`;
     });
     row.insertCell().textContent = `$${number}`;
-    row.insertCell().append(name, Object.assign(document.createElement("span"), {className: "small", textContent: ` ${unit}`}));
+    row.insertCell().append(said(name), Object.assign(document.createElement("span"), {className: "small", textContent: ` ${said(unit)}`}));
     row.insertCell().append(field);
     implied.textContent = wanted ?? "";
     row.append(implied, written);
@@ -80,7 +80,7 @@ async function showHistory() {
   for (const {job, began, outcome, seconds, findings} of runs) {
     const row = body.insertRow(), when = typeof began === "number" ? new Date(began * 1000) : new Date(began);
     for (const text of [when.toLocaleString(), visible(job), word(outcome), `${seconds.toFixed(1)} s`]) row.insertCell().textContent = text;
-    row.cells[2].title = (findings ?? []).map(({message}) => message).join("\n");
+    row.cells[2].title = (findings ?? []).map(finding => explained(finding).message).join("\n");
     const cell = row.insertCell();
     const made = Object.assign(document.createElement("button"), {type: "button", textContent: t`Log`});
     made.setAttribute("aria-label", t`Log of ${visible(job)}, ${when.toLocaleString()}`);
