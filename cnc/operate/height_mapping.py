@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
@@ -106,22 +106,14 @@ class Grid:
             ]
         elif height > self.clear:
             lines.append(first)
-        # Where the probe met nothing, G38.3 goes on to the next point. G38.2 stops: at the first
-        # point, and at the third one in a row. The cable may be off, or the part not there.
-        lines += [f"G0 Z{self.clear:.6f}", f"#{MISSED} = 2"]
+        places = []
         for row, y in enumerate(ys):
             # There and back, so that the way is short.
             order = range(len(xs)) if row % 2 == 0 else reversed(range(len(xs)))
             for column in order:
                 number = FIRST_PARAMETER + row * len(xs) + column
-                lines += [
-                    f"G0 X{xs[column]:.6f} Y{y:.6f}",
-                    f"G[38.3 - 0.1 * [#{MISSED} GE 2]] Z{-self.depth:.6f} F{self.feed:g}",
-                    f"#{MISSED} = [[#{MISSED} + 1] * [1 - #5070]]",
-                    f"#{number} = [#5063 + {NOTHING:.0f} * [1 - #5070]]",
-                    f"G0 Z{self.clear:.6f}",
-                ]
-        return "\n".join([*lines, "M2", ""])
+                places.append((number, f"G0 X{xs[column]:.6f} Y{y:.6f}"))
+        return "\n".join([*lines, *_contacts(places, self.clear, self.depth, self.feed), "M2", ""])
 
     def height_map(
         self, parameters: Mapping[int, float], system: str, work_zero: Mapping[str, float]
@@ -212,20 +204,21 @@ class PointsAgain:
             height: Present work position of Z, mm.
         """
         zero, surface = self.surface.work_zero, self.surface
-        places = [f"G0 X{surface.x[c] - zero['x']:.6f} Y{surface.y[r] - zero['y']:.6f}"
-                  for c, r in self.points]  # fmt: skip
-        up = f"G0 Z{self.clear:.6f}"
-        lines = ["G21 G90 G94 G40 G49 G17", *([places[0]] if height > self.clear else []), up]
-        for k, place in enumerate(places):
-            contact = f"G38.2 Z{-self.depth:.6f} F{self.feed:g}"
-            lines += [place, contact, f"#{FIRST_PARAMETER + k} = #5063", up]
-        return "\n".join([*lines, "M2", ""])
+        places = [
+            (number, f"G0 X{surface.x[c] - zero['x']:.6f} Y{surface.y[r] - zero['y']:.6f}")
+            for number, (c, r) in enumerate(self.points, FIRST_PARAMETER)
+        ]
+        lines = ["G21 G90 G94 G40 G49 G17", *([places[0][1]] if height > self.clear else [])]
+        return "\n".join([*lines, *_contacts(places, self.clear, self.depth, self.feed), "M2", ""])
 
     def height_map(self, parameters: Mapping[int, float]) -> HeightMap:
-        """Return the map with the new contacts; ``parameters`` are those after the program."""
+        """Return the map with the new contacts; ``parameters`` are those after the program.
+
+        A point without a contact is a gap, whatever it was before.
+        """
         heights = [list(row) for row in self.surface.heights]
         for k, (column, row) in enumerate(self.points):
-            heights[row][column] = round(parameters[FIRST_PARAMETER + k], 6)
+            heights[row][column] = _height(parameters[FIRST_PARAMETER + k])
         return self.surface.model_copy(update={"heights": tuple(map(tuple, heights))})
 
 
@@ -244,6 +237,33 @@ def not_probed(ended: JobEnded, name: str) -> CncError:
     fault = BoardError if ended.exit_code == EXIT_BOARD else UsageError
     hint = f"correct the cause, and {again}"
     return fault(Diagnostic(code, f"{what}: {reason}", hint=hint))
+
+
+def _contacts(
+    places: Iterable[tuple[int, str]], clear: float, depth: float, feed: float
+) -> list[str]:
+    """Return the lines that probe points one after another.
+
+    Where the probe met nothing, G38.3 goes on to the next point. G38.2 stops: at the first point,
+    and at the third one in a row. The cable may be off, or the part not there.
+
+    Args:
+        places: Parameter of the height and move above the point, of each.
+        clear: See :class:`Grid`.
+        depth: See :class:`Grid`.
+        feed: See :class:`Grid`.
+    """
+    up = f"G0 Z{clear:.6f}"
+    lines = [up, f"#{MISSED} = 2"]
+    for number, place in places:
+        lines += [
+            place,
+            f"G[38.3 - 0.1 * [#{MISSED} GE 2]] Z{-depth:.6f} F{feed:g}",
+            f"#{MISSED} = [[#{MISSED} + 1] * [1 - #5070]]",
+            f"#{number} = [#5063 + {NOTHING:.0f} * [1 - #5070]]",
+            up,
+        ]
+    return lines
 
 
 def _height(number: float) -> float | None:

@@ -23,6 +23,7 @@ from cnc.operate.operator_session import OperatorSession
 from cnc.operate.program_session import KEEP_ALIVE, Jog
 from cnc.simulators.grbl.board import GrblSimulatorBoard
 from cnc.simulators.klipper.ports import KlipperSimulatorBoard
+from tests.support.boards.stepper_rig import INPUT_PINS
 from tests.support.boards.stepper_simulator import FREQUENCY, Simulator, SimulatorPort
 from tests.support.soak import share
 
@@ -31,7 +32,6 @@ LOST = 0.5
 SIGN = 0.06
 """Time between two signs of life of the page, s."""
 PATIENCE = 120
-INPUT_PINS = (9, 10, 12, 14, 15, 16, 19)
 
 Rig = tuple[Machine, Any, Any, Callable[[], float]]
 """Machine, board, its clock, and the time of its last step, s."""

@@ -8,6 +8,7 @@ import pytest
 
 from cnc.model.diagnostics import UsageError
 from cnc.operate.events import Alarm, Dialog, JobEnded, State
+from cnc.operate.probing import mdi_line
 from tests.support.waiting import wait_until
 
 pytestmark = pytest.mark.usefixtures("quick_board")
@@ -56,21 +57,24 @@ def rests(session):
     return session.state.machine == before
 
 
-@pytest.fixture
-def paused(any_operator, tmp_path):
-    """Run a program on either kind of board until its pause."""
+def begun(session, folder, text):
+    """Begin a program; return its listener and its end when it waits at its pause."""
+    file = folder / "part.nc"
+    file.write_text(text)
+    listener = Listener(session)
+    ended = session.run(file)
+    wait_until(lambda: session.state.held)
+    wait_until(lambda: rests(session))
+    return listener, ended
 
-    def run(text):
-        file = tmp_path / "part.nc"
-        file.write_text(text)
-        listener = Listener(any_operator)
-        ended = any_operator.run(file)
-        wait_until(lambda: any_operator.state.held)
-        wait_until(lambda: rests(any_operator))
-        return any_operator, listener, ended
 
-    any_operator.origin = zero_here(any_operator)
-    return run
+@pytest.fixture(params=["operator", "grbl_shop", "klipper_shop", "stepper_shop"])
+def paused(request, tmp_path):
+    """Run a program on each kind of board until its pause."""
+    fixture = request.getfixturevalue(request.param)
+    session = getattr(fixture, "session", fixture)
+    session.origin = zero_here(session)
+    return lambda text: (session, *begun(session, tmp_path, text))
 
 
 def place(session):
@@ -111,6 +115,48 @@ def test_the_program_goes_on_at_the_height_of_a_zero_set_at_its_pause(paused, pa
     assert question.approach[2][:3] == pytest.approx([at["x"], at["y"], at["z"]], abs=GRID)
     assert question.approach[3][2] == pytest.approx(zero["z"] + 2.5, abs=GRID)
     assert [event.program for event in listener.of(JobEnded)] == ["part.nc"]
+
+
+def probed(session, name, **parameters):
+    line = mdi_line(name, parameters, session.machine)
+    ended = session.probe(line).result(PATIENCE)
+    assert (ended.outcome, [finding.message for finding in ended.findings]) == ("done", [])
+
+
+def test_a_surface_probed_at_a_pause_is_the_height_that_holds_then(shop, tmp_path):
+    """The spindle stops with the first move by hand."""
+    session = shop.session
+    session.origin = zero_here(session)
+    text = PROGRAM.format(pause="M0").replace("G0 Z8\n", "G0 Z8\nM3 S8000 M8\n", 1)
+    _, ended = begun(session, tmp_path, text)
+    assert shop.spins()
+    session.jog_step({"z": 6.0}).result(PATIENCE)
+    assert not shop.spins()
+    session.jog_step({"x": 3.0}).result(PATIENCE)
+    # A plate of 4 mm lies on the surface, which is 1.5 mm lower than the old zero.
+    shop.put(session.origin["z"] + 2.5)
+    probed(session, "probe_z", thickness=4.0, distance=10.0, feed=300.0)
+    assert place(session)["z"] == pytest.approx(4.5, abs=2 * GRID)
+    session.resume()
+    assert ended.result(PATIENCE).outcome == "done"
+    assert place(session) == pytest.approx({"x": 14.0, "y": 5.0, "z": 6.5}, abs=2 * GRID)
+
+
+def test_a_tool_measured_at_its_change_has_this_length_then(shop, tmp_path):
+    session = shop.session
+    session.origin = zero_here(session)
+    pause = "G0 Z4\nT2 M6\nG43 H2"
+    _, ended = begun(session, tmp_path, PROGRAM.format(pause=pause))
+    with pytest.raises(UsageError, match="jog-not-lifted"):
+        session.jog_step({"x": 1.0}).result(PATIENCE)
+    session.jog_step({"z": 4.0}).result(PATIENCE)
+    session.jog_step({"x": -3.0}).result(PATIENCE)
+    # The setter is 1 mm above the zero, and the tool touches it at 4.5 mm: it is 3.5 mm long.
+    shop.put(session.origin["z"] + 4.5)
+    probed(session, "tool_length", tool=2, height=1.0, distance=10.0, feed=300.0)
+    session.resume()
+    assert ended.result(PATIENCE).outcome == "done"
+    assert place(session) == pytest.approx({"x": 14.0, "y": 5.0, "z": 11.5}, abs=2 * GRID)
 
 
 def test_a_program_resumed_without_an_activity_goes_on_at_once(paused):

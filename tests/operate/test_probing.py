@@ -202,7 +202,6 @@ def test_points_of_a_map_are_probed_again(session):
     on(session, Box((-5.0, 40.0), (-5.0, 40.0), -0.5))
     values = {"clear": 1.0, "depth": 2.0, "feed": 1500.0}
     again = PointsAgain(surface=first, points=((2, 0), (1, 2)), **values)
-    assert again.program(5.0).count("G38.2") == 2
     second = session.probe_points(again).result(PATIENCE)
     assert np.array(second.heights) == pytest.approx(np.full((3, 3), -0.5), abs=CLOSE)
     assert second.model_copy(update={"heights": first.heights}) == first
@@ -259,6 +258,43 @@ def test_a_grid_with_a_missing_contact_is_a_map_with_a_gap(session, tmp_path):
     assert surface.heights == ((half, half), (half, half))
     save_height_map(surface, file)
     assert check(engraving, session.machine, options).ok
+
+
+def test_points_probed_again_may_stay_gaps(session):
+    """Two points without a contact are gaps, and the points behind them are probed."""
+    on(session, Box((-5.0, 1.0), (-5.0, 40.0), -0.5), Box((8.0, 40.0), (-5.0, 40.0), -0.2))
+    surface = HeightMap(
+        x=(0.0, 3.0, 6.0, 9.0), y=(0.0, 3.0), system="G54",
+        heights=((0.0, None, 0.1, 0.0), (0.0, 0.0, 0.0, 0.0)),
+        work_zero={"x": 0.0, "y": 0.0, "z": 0.0},
+    )  # fmt: skip
+    points = ((0, 0), (1, 0), (2, 0), (3, 0))
+    again = PointsAgain(surface=surface, points=points, clear=1.0, depth=1.0, feed=1500.0)
+    heights = session.probe_points(again).result(PATIENCE).heights
+    assert heights[0] == (
+        pytest.approx(-0.5, abs=CLOSE), None, None, pytest.approx(-0.2, abs=CLOSE),
+    )  # fmt: skip
+    assert heights[1] == surface.heights[1]
+
+
+@pytest.mark.parametrize(
+    ("points", "stopped_at"),
+    [
+        (((1, 0), (0, 0)), 3.0),
+        (((0, 0), (1, 0), (2, 0), (3, 0), (0, 1)), 9.0),
+    ],
+    ids=["first", "three in a row"],
+)
+def test_a_probe_that_meets_nothing_at_points_again_stops(session, points, stopped_at):
+    on(session, Box((-5.0, 1.0), (-5.0, 40.0), -0.5))
+    surface = HeightMap(
+        x=(0.0, 3.0, 6.0, 9.0), y=(0.0, 3.0), system="G54", heights=((0.0,) * 4,) * 2,
+        work_zero={"x": 0.0, "y": 0.0, "z": 0.0},
+    )  # fmt: skip
+    again = PointsAgain(surface=surface, points=points, clear=1.0, depth=1.0, feed=1500.0)
+    with pytest.raises(BoardError, match="height-map-grid"):
+        session.probe_points(again).result(PATIENCE)
+    assert session.state.machine["x"] == pytest.approx(stopped_at, abs=CLOSE)
 
 
 @pytest.mark.parametrize("part", [(1.0, 40.0), (-5.0, 1.0)], ids=["first", "three in a row"])

@@ -9,10 +9,10 @@ from cnc.machine.load import load_machine
 from cnc.machine.models import HomingOrder
 from cnc.operate import operator_session
 from cnc.operate.operator_session import OperatorSession
+from tests.support.boards.stepper_rig import INPUT_PINS
 from tests.support.boards.stepper_simulator import Simulator, SimulatorPort
 
 PATIENCE = 60
-INPUT_PINS = (9, 10, 12, 14, 15, 16, 19)
 
 
 @pytest.fixture(params=[False, True], ids=["no switches", "switches"])

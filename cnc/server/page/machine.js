@@ -4,8 +4,8 @@ import {attempt, get, giveControl, inControl, on, post, takeControl, tell, visib
 import {askNumber} from "./asking.js";
 import {halve, setZero} from "./hand.js";
 import {forget} from "./jog.js";
-import {explain, showNeeds} from "./needs.js";
-import {showPart} from "./parts.js";
+import {explain, isPaused, showNeeds} from "./needs.js";
+import {openPart, showPart} from "./parts.js";
 import {detail, explained, said, t, word} from "./texts.js";
 
 const element = id => document.getElementById(id);
@@ -14,7 +14,7 @@ const BRIEF = 6000;  // ms
 export let machine = {axes: {}};
 export let state = {state: "disconnected", machine: {}, work: {}};
 export let rotations = {};
-let isOpen = false, place = null, hasMet = false, brief = 0;
+let isOpen = false, place = null, hasMet = false, brief = 0, holder = null;
 
 /** Return a number with three decimals and a true minus sign. */
 export const shown = value => value === undefined || value === null ? "–" : value.toFixed(3).replace("-", "\u2212");
@@ -39,7 +39,7 @@ function tellOf(finding, isNote) {
 
 /** Show what can work now, and the next step where no program runs. */
 export function needs() {
-  showNeeds({isOpen, mine: inControl(), state});
+  showNeeds({isOpen, mine: inControl(), holder, state});
   const why = element("run").dataset.why, name = element("jobs").value;
   write(element("guide"), state.program ? `${state.line ? t`line ${state.line}: ` : ""}${state.text}` : why || (
     element("outcome").dataset.refused === "true" ? t`the check has refused ${visible(name)}: Program shows why` : t`ready: Run begins ${visible(name)}`));
@@ -127,7 +127,12 @@ function buttons() {
   element("connection").addEventListener("submit", event => {
     event.preventDefault();
     const isOpen = state.state !== "disconnected";
-    attempt(() => isOpen ? post("disconnect") : post("connect", {board: element("board").value, port: element("port").value || null}));
+    attempt(async () => {
+      if (isOpen) return post("disconnect");
+      // Nobody is robbed of the control here, and nothing moves.
+      if (!inControl()) await takeControl();
+      return post("connect", {board: element("board").value, port: element("port").value || null});
+    });
   });
   element("take").addEventListener("click", () => attempt(() => inControl() ? giveControl() : takeControl()));
   element("question-take").addEventListener("click", () => attempt(takeControl));
@@ -215,8 +220,9 @@ function ask(dialog) {
   if (reads && inControl() && matchMedia("(pointer: fine)").matches) element("question-value").focus();
   needs();
   // The moves to the line are drawn: the picture is to be seen beside the question.
-  if (dialog.kind !== "restart") return;
-  showPart("run");
+  if (dialog.kind === "restart") showPart("run");
+  // At a pause the tool is touched off: a phone shows the pad in the part Set up alone.
+  else if (isPaused() && inControl() && openPart() === "run" && !element("pad").checkVisibility()) showPart("setup");
 }
 
 function closeQuestion() {
@@ -224,8 +230,9 @@ function closeQuestion() {
   needs();
 }
 
-function showHolder(holder) {
+function showHolder(client) {
   const mine = inControl();
+  holder = client;
   element("holder").textContent = mine ? t`you have control` : holder ? t`${holder} has control; you watch` : t`nobody has control; you watch`;
   element("take").querySelector("span").textContent = mine ? t`Give control up` : t`Take control`;
   element("question-take").hidden = mine;
@@ -279,6 +286,7 @@ function showState(event) {
   write(element("tool-now"), event.tool === null ? t`not known` : event.tool || t`none`);
   write(element("modes"), event.modes || t`defaults of a program`);
   write(element("connect"), event.board ? t`Disconnect` : t`Connect`);
+  element("connect").dataset.needs = event.board ? "link control" : "link offered";
   // Another client may have connected another board than the one that is chosen here.
   element("board").disabled = element("port").disabled = event.board !== "";
   if (event.board) element("board").value = event.board;

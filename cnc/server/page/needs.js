@@ -9,13 +9,14 @@ const PAUSES = ["tool", "stop"];
 const MOVING = ["running", "jogging", "homing"];
 
 /** Return whether a program waits at M0 or M6, where the machine may be used by hand. */
-const isPaused = () => element("question").open && PAUSES.includes(element("question").dataset.kind);
+export const isPaused = () => element("question").open && PAUSES.includes(element("question").dataset.kind);
 const busy = ({activity}) => activity === "measure" ? t`a measurement is under way: answer its questions, or press STOP` : t`the machine is busy (${word(activity)}): wait for its end, or press STOP`;
 
 /** By name: whether the need is met, and the reason where it is not. */
 const NEEDS = {
   link: [({isOpen}) => isOpen, () => t`the server does not answer: wait for the connection, or use the emergency stop`],
   control: [({mine}) => mine, () => t`you watch: press Take control first`],
+  offered: [({mine, holder}) => mine || holder === null, () => NEEDS.control[1]()],
   board: [({state}) => state.state !== "disconnected", () => t`no board is connected: connect it first`],
   idle: [({state}) => state.activity === "none", ({state}) => busy(state)],
   free: [({state}) => ["none", "jog"].includes(state.activity) || isPaused(), ({state}) => busy(state)],

@@ -13,37 +13,10 @@ from cnc.boards.stepper.driver import Stepper
 from cnc.kinematics.planar import CoreXY
 from cnc.machine.compensation import ErrorPoint
 from cnc.machine.models import Machine
-from tests.support.boards.stepper_rig import machine
+from tests.support.boards.stepper_rig import PROBE_PIN, Part, machine
 from tests.support.boards.stepper_simulator import Simulator, SimulatorPort
 from tests.support.faulty_machine import FaultyMachine
 from tests.support.soak import share
-
-
-class Part:
-    """A part that the probe touches. Its input is low where X is at ``at`` steps or beyond.
-
-    The sign of ``at`` is that of the direction in which the part lies.
-    """
-
-    def __init__(self, simulator: Simulator, at: int) -> None:
-        self.place = self.seen = self.backward = 0
-        run = simulator.run
-
-        def felt(seconds: float, *, or_byte: bool = False) -> None:
-            run(min(seconds, 0.0002), or_byte=or_byte)
-            edges = simulator.edges()
-            for edge in edges[self.seen :]:
-                if edge["pin"] == 5:
-                    self.backward = int(edge["level"])
-                if edge["pin"] == 2 and edge["level"]:
-                    self.place += 1 - 2 * self.backward
-            self.seen = len(edges)
-            simulator.set_pin(PROBE_PIN, 0 if (self.place - at) * at >= 0 else 1)
-
-        simulator.run = felt  # type: ignore[method-assign]
-
-
-PROBE_PIN = 19
 
 PROBING_PROGRAM = """G21 G90
 G38.{kind} X20 F300

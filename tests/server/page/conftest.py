@@ -11,6 +11,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from contextlib import contextmanager
 
 import pytest
 
@@ -58,9 +59,9 @@ def mill(tmp_path_factory):
     return file
 
 
-@pytest.fixture(scope="module")
-def port(mill):
-    """The terminal of a simulated board that is not homed."""
+@contextmanager
+def board_with_power(mill):
+    """Provide the terminal of a simulated board that is not homed."""
     pty_server = pytest.importorskip("cnc.simulators.grbl.ports")
     pytest.importorskip("termios")
     settings = settings_of(load_machine(str(mill)))
@@ -70,6 +71,13 @@ def port(mill):
     board = GrblSimulator(GRBL, settings=settings, environment=around)
     with pty_server.PtyServer(board) as terminal:
         yield terminal.name
+
+
+@pytest.fixture(scope="module")
+def port(mill):
+    """The terminal of a simulated board that is not homed."""
+    with board_with_power(mill) as name:
+        yield name
 
 
 @pytest.fixture(scope="module")

@@ -15,19 +15,72 @@ from cnc.boards.stepper.driver import Stepper
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
 from cnc.model.streams import PulseChunk
-from tests.support.boards.stepper_simulator import FREQUENCY, Simulator, SimulatorPort
+from tests.support.boards.stepper_simulator import (
+    DIRECTION_PINS,
+    FREQUENCY,
+    STEP_PINS,
+    Simulator,
+    SimulatorPort,
+)
 
 CLOSE_US = 5.0
 """Edges come within this of their time."""
 STACK = 256
 """Bytes of the stack that nothing has touched, at least."""
-LIMIT_X, PROBE_PIN, ENABLE_PIN, SPINDLE_PIN = 9, 19, 8, 11
+LIMIT_X, PROBE_PIN, ENABLE_PIN, SPINDLE_PIN, FLOOD_PIN = 9, 19, 8, 11, 17
 EMERGENCY_STOP_PIN, HOLD_PIN, RESUME_PIN = 14, 15, 16
+INPUT_PINS = (9, 10, 12, 14, 15, 16, 19)
+"""Pins that are high while nothing is pressed: switches, buttons, probe."""
+FASTEST, LEAST_PART_S = 20_000, 0.0002
+"""Steps of an axis in a second, and the shortest part of a run with a part to touch."""
 
 
 def machine(**changes: object) -> Machine:
     known: Machine = load_machine("stepper-uno")
     return known.model_copy(update=changes)
+
+
+class Part:
+    """A part that the probe touches. Its input is low where the axis is at ``at`` steps or beyond.
+
+    Args:
+        simulator: The board.
+        at: Place of the part, steps.
+        axis: Column of the axis.
+        towards: Direction in which the part lies, 1 or -1; None for the sign of ``at``.
+    """
+
+    def __init__(
+        self, simulator: Simulator, at: int, axis: int = 0, towards: int | None = None
+    ) -> None:
+        self.at, self._towards = at, towards or (1 if at >= 0 else -1)
+        self._place = self._seen = self._backward = 0
+        self._pins = STEP_PINS[axis], DIRECTION_PINS[axis]
+        self._simulator, self._run = simulator, simulator.run
+        simulator.run = self._felt  # type: ignore[method-assign]
+
+    def _felt(self, seconds: float, *, or_byte: bool = False) -> None:
+        """Run in parts so short that the part is not passed between two of them."""
+        simulator, end = self._simulator, self._simulator.now + seconds
+        while (left := end - simulator.now) > 0.5 / FREQUENCY:
+            part = min(left, max(abs(self._place - self.at) / FASTEST, LEAST_PART_S))
+            before = simulator.now
+            self._run(part, or_byte=or_byte)
+            self._feel()
+            if or_byte and simulator.now < before + part - 1.0 / FREQUENCY:
+                return
+
+    def _feel(self) -> None:
+        edges = self._simulator.edges()
+        step, direction = self._pins
+        for edge in edges[self._seen :]:
+            if edge["pin"] == direction:
+                self._backward = int(edge["level"])
+            if edge["pin"] == step and edge["level"]:
+                self._place += 1 - 2 * self._backward
+        self._seen = len(edges)
+        touched = (self._place - self.at) * self._towards >= 0
+        self._simulator.set_pin(PROBE_PIN, 0 if touched else 1)
 
 
 def with_axes(axes: int, **board_changes: object) -> Machine:
