@@ -51,6 +51,7 @@ def test_from_a_blank_board_to_the_first_part(page, port):
     page.get_by_label("10 mm").check()
     page.get_by_role("button", name="Jog X plus", exact=True).click()
     expect(page.locator("#machine-x")).to_have_text("\u2212150.000")
+    expect(page.locator("#state")).to_have_text("idle")
     page.get_by_label("continuous").check()
     button = page.get_by_role("button", name="Jog Y plus", exact=True)
     button.dispatch_event("pointerdown", {"pointerId": 1})

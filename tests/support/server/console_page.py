@@ -35,3 +35,5 @@ def enter(page, line):
     page.fill("#mdi", line)
     page.press("#mdi", "Enter")
     expect(page.locator("#message")).to_contain_text("MDI: done")
+    # The state that allows the next motion may come after the message.
+    expect(page.locator("#state")).not_to_have_text("running")
