@@ -264,6 +264,78 @@ def test_levels_of_detail_are_within_half_a_pixel(browser, show, ask):
     assert off[-1][2] < off[0][2] / 2
 
 
+ROWS = "G21 G90 G61 F6000\n" + "".join(
+    f"G1 X{40 if row % 2 else 0} Y{0.03 * row:.2f}\nY{0.03 * (row + 1):.2f}\n"
+    for row in range(1500)
+)
+
+
+COVERED = """m.scene.levels.map(({tolerance, all, few}) => {
+  const near = (x, y) => {
+    for (let o = 0; o < few.data.length; o += 16) {
+      const [low, high] = [few.data[o], few.data[o + 8]].sort((a, b) => a - b);
+      const within = low - tolerance <= x && x <= high + tolerance;
+      if (within && Math.abs(few.data[o + 1] - y) < 1.1 * tolerance) return true;
+    }
+    return false;
+  };
+  const {data} = all;
+  let far = 0, points = 0;
+  for (let o = 0; few !== all && o + 8 < data.length; o += 56) {
+    for (const part of [0.1, 0.5, 0.9]) {
+      const [x, y] = [o, o + 1].map(k => data[k] + part * (data[k + 8] - data[k]));
+      points++;
+      far += !near(x, y);
+    }
+  }
+  const dashes = ({data, stride, count}) => {
+    let n = 0;
+    for (let i = 0; i < count; i++) n += data[8 * stride * i + 7] !== NO_DASH_32;
+    return n;
+  };
+  return [few === all, all.count, few.count, points && far / points, dashes(all), dashes(few)];
+})"""
+"""For each level of detail: whether all strokes are drawn, how many there are, how many are drawn,
+the share of points far from those that are drawn, the traverses, and those that are drawn."""
+
+
+def test_few_strokes_cover_a_dense_path_while_the_view_moves(browser, show, ask):
+    """Points of strokes that are left out lie near others, and traverses are never left out."""
+    show(ROWS + "G0 Z20\nX0 Y20\nM2\n")
+    found = ask(COVERED)
+    assert any(not same for same, *_ in found)
+    for same, count, few, far, dashes, few_dashes in found:
+        assert dashes == few_dashes > 0
+        if not same:
+            assert few < count / 2
+            assert far < 0.1
+
+
+def test_all_strokes_are_drawn_at_rest_and_few_while_the_view_moves(browser, show, ask):
+    show(ROWS + "M2\n")
+    ask("m.scene.scale = 2")
+    at_rest = ask("(m.scene.coarse = 1, m.draw(), m.scene.drawn)")
+    assert at_rest == ask("m.scene.level().n - 1")
+    moving = ask("(m.scene.coarse = 8, m.draw(), m.scene.drawn)")
+    assert 0 < moving < at_rest / 3
+
+
+def test_a_pointer_over_the_path_does_not_draw_it_again(browser, show, ask, tmp_path):
+    show(LINES)
+    ask(
+        "(m.drawings = 0, m.scene.draw = (draw => look => {"
+        " m.drawings++; draw.call(m.scene, look); })(m.scene.draw))"
+    )
+    ask("m.draw()")
+    before = ask("m.drawings")
+    browser.mouse("mouseMoved", *screen_place(ask, middle_of_line(LINES, 3, tmp_path)))
+    assert browser.wait(lambda: ask("m.state.hover !== null"))
+    ask("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    assert ask("m.drawings") == before
+    ask("m.press({channel: 1})")
+    assert browser.wait(lambda: ask("m.drawings") > before)
+
+
 def test_views_zoom_and_rotation(browser, show, ask):
     show(LINES)
     ask("m.press({view: '3d'})")

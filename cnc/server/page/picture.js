@@ -328,14 +328,14 @@ function pointer(canvas) {
     else scene.rotate(dx, dy);
     down.set(event.pointerId, here);
     view = null;
-    redraw();
+    scene.moving(redraw);
   });
   for (const kind of ["pointerup", "pointercancel"]) canvas.addEventListener(kind, event => down.delete(event.pointerId));
   canvas.addEventListener("wheel", event => {
     event.preventDefault();
     scene?.zoom(Math.exp(-event.deltaY * 0.0015), event.offsetX, event.offsetY);
     view = null;
-    redraw();
+    scene?.moving(redraw);
   }, {passive: false});
   canvas.addEventListener("keydown", event => {
     const turn = {ArrowLeft: [-20, 0], ArrowRight: [20, 0], ArrowUp: [0, -20], ArrowDown: [0, 20]}[event.key];

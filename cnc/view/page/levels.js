@@ -4,6 +4,8 @@
 const BLOCK = 1024;
 const FLOATS = 8;  // of a vertex: x y z, time, feed, acceleration, jerk, mm along the line of a traverse
 const NO_DASH = 1e30;  // instead of the last, for strokes that are not traverses
+const NO_DASH_32 = Math.fround(NO_DASH);
+const MOST_CELLS = 2e6;  // of a grid that a search for covering strokes passes through
 
 /** Return the indices of the points of `index` that must be kept. */
 function thinned(strokes, index, tolerance) {
@@ -82,14 +84,14 @@ function dashes({place, rapid}, index, out) {
   }
 }
 
-/** Return the bounding box of each BLOCK strokes: six numbers, least and greatest. */
-function boxes(data) {
-  const n = data.length / FLOATS, blocks = Math.max(0, Math.ceil((n - 1) / BLOCK)), out = new Float32Array(6 * blocks);
+/** Return the bounding box of each BLOCK strokes: six numbers, least and greatest. A stroke begins every `stride` points. */
+function boxes(data, stride) {
+  const n = data.length / FLOATS, blocks = Math.max(0, Math.ceil((n - 1) / stride / BLOCK)), out = new Float32Array(6 * blocks);
   for (let b = 0; b < blocks; b++) {
     const o = 6 * b;
     out.fill(Infinity, o, o + 3);
     out.fill(-Infinity, o + 3, o + 6);
-    for (let i = b * BLOCK; i <= Math.min((b + 1) * BLOCK, n - 1); i++) {
+    for (let i = stride * b * BLOCK; i <= Math.min(stride * (b + 1) * BLOCK + 1 - stride, n - 1); i++) {
       for (let k = 0; k < 3; k++) {
         out[o + k] = Math.min(out[o + k], data[FLOATS * i + k]);
         out[o + 3 + k] = Math.max(out[o + 3 + k], data[FLOATS * i + k]);
@@ -99,14 +101,64 @@ function boxes(data) {
   return out;
 }
 
+/** Return pairs of points of strokes that cover all strokes of a level: each stroke that is left out passes mostly through
+ * cells of a grid that those which are kept pass through. Traverses are kept. Null where that would take too long. */
+function covering({data, n}, cell) {
+  const cells = o => Math.ceil(Math.max(Math.abs(data[o + 8] - data[o]), Math.abs(data[o + 9] - data[o + 1]), Math.abs(data[o + 10] - data[o + 2])) / cell) + 1;
+  let sum = 0, most = 0;
+  for (let i = 0; i + 1 < n; i++) {
+    const count = cells(FLOATS * i);
+    sum += count;
+    most = Math.max(most, count);
+  }
+  if (!(sum < MOST_CELLS)) return null;
+  const taken = new Uint8Array(1 << 20), fresh = new Int32Array(most), kept = [];  // a bit for each cell; cells may share one
+  const mixed = key => { key = Math.imul(key, 0x9e3779b1); return key ^ key >>> 15; };
+  for (let i = 0; i + 1 < n; i++) {
+    const o = FLOATS * i, count = cells(o), step = 1 / Math.max(count - 1, 1) / cell;
+    const x = data[o] / cell, y = data[o + 1] / cell, z = data[o + 2] / cell;
+    const dx = (data[o + 8] - data[o]) * step, dy = (data[o + 9] - data[o + 1]) * step, dz = (data[o + 10] - data[o + 2]) * step;
+    let free = 0;
+    for (let c = 0; c < count; c++) {
+      const key = mixed(mixed(mixed(Math.floor(x + c * dx)) ^ Math.floor(y + c * dy)) ^ Math.floor(z + c * dz)) & 0x7fffff;
+      if (!(taken[key >> 3] & 1 << (key & 7))) fresh[free++] = key;
+    }
+    if (4 * free <= count && data[o + 7] === NO_DASH_32) continue;
+    for (let k = 0; k < free; k++) taken[fresh[k] >> 3] |= 1 << (fresh[k] & 7);
+    kept.push(i);
+  }
+  const out = new Float32Array(2 * FLOATS * kept.length);
+  kept.forEach((i, k) => out.set(data.subarray(FLOATS * i, FLOATS * (i + 2)), 2 * FLOATS * k));
+  return out;
+}
+
+/** Strokes to draw: from each point to the next (`stride` 1), or of pairs (2). */
+class Strokes {
+  constructor(data, stride) {
+    Object.assign(this, {data, stride, count: Math.floor((data.length / FLOATS + stride - 2) / stride)});
+  }
+
+  get boxes() { return this.spaces ??= boxes(this.data, this.stride); }
+}
+
 /** A level of detail. Its vertices are computed at the first use. `tolerance` adds to the tolerance of the page. */
 class Level {
   constructor(strokes, index, tolerance) {
     Object.assign(this, {strokes, index, tolerance, n: index.length});
   }
 
-  get data() { return this.made ??= vertices(this.strokes, this.index); }
-  get boxes() { return this.spaces ??= boxes(this.data); }
+  get data() { return this.all.data; }
+
+  get all() { return this.made ??= new Strokes(vertices(this.strokes, this.index), 1); }
+
+  /** Strokes that look like all of them where the tolerance is hardly seen; all where these are not many more. */
+  get few() {
+    if (!this.cover) {
+      const data = this.tolerance > 0 ? covering(this, 0.6 * this.tolerance) : null;
+      this.cover = data && data.length < FLOATS * this.n ? new Strokes(data, 2) : this.all;
+    }
+    return this.cover;
+  }
 }
 
 /** Return the levels from fine to coarse. */

@@ -55,13 +55,13 @@ async function main() {
     element("trouble").textContent = "The path needs WebGL 2, which this browser does not have. The curves and the program are shown.";
   }
   element("space").addEventListener("webglcontextlost", event => event.preventDefault());
-  element("space").addEventListener("webglcontextrestored", () => { scene.prepare(); redraw(); });
+  element("space").addEventListener("webglcontextrestored", () => { scene.prepare(); draw(); });
 
-  let due = false;
+  let due = false, shown = {};
   function redraw() {
     if (due) return;
     due = true;
-    requestAnimationFrame(() => { due = false; draw(); });
+    requestAnimationFrame(() => { due = false; draw(false); });
   }
 
   /** Largest magnitude of each channel on strokes that are not traverses. */
@@ -105,14 +105,19 @@ async function main() {
     return {head: `${name}${lines} \u00b7 ${clock(t)}`, rest: `${axes}\n${joint}${graph.strips.map(([, unit], k) => shown(k, unit)).join(" \u00b7 ")}`};
   }
 
-  function draw() {
+  /** Draw what has changed, or all of it. */
+  function draw(anew = true) {
     const colours = {
       rule: shade("rule"), faint: shade("faint"), limit: shade("limit"), curves: [shade("feed"), shade("accel"), shade("jerk")],
     };
-    scene.draw({
+    const look = {
       channel: state.channel, range: range(), ramp: ramp().map(triple), paper: triple(shade("paper")), rapid: triple(shade("rapid")),
       accent: triple(shade("accent")), now: state.trail && state.at !== null ? state.at : Infinity,
-    });
+    };
+    const {yaw, pitch, target, scale, coarse, chosen, canvas} = scene;
+    const key = [...Object.values(look), yaw, pitch, target, scale, coarse, canvas.clientWidth, canvas.clientHeight, devicePixelRatio].join();
+    if (anew || key !== shown.key || chosen !== shown.chosen) scene.draw(look);
+    shown = {key, chosen};
     graph.draw(colours, [[state.at, shade("accent")], [state.hover, colours.faint]]);
     over(colours);
     legend();

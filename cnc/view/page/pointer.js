@@ -1,44 +1,9 @@
 // Pointer, wheel, keys, buttons and playback.
 
-const SLOW = 45, QUICK = 20;  // ms for a frame: above the first the path is drawn coarser, below the second finer
-const MANY = 100000;         // strokes; a path with more of them is first drawn coarsely
-const REST = 300;            // ms without input after which the view is at rest
-
 function handle(model) {
   const {scene, graph, source, state, redraw, about} = model, end = about.duration, over = element("over"), chart = element("graph");
-  let resting = 0, timed = false, pace = 1;
-
-  /** The view moves: draw coarsely enough to keep up, judged by the duration of the last frames. */
-  function moving() {
-    if (!timed) {
-      timed = true;
-      requestAnimationFrame(begin => requestAnimationFrame(end => {
-        timed = false;
-        const took = end - begin;
-        if (took > SLOW) pace = Math.min(pace * Math.min(took / SLOW, 4), 64);
-        else if (took < QUICK) pace = Math.max(pace / 1.2, 1);
-      }));
-    }
-    scene.coarse = pace;
-    clearTimeout(resting);
-    resting = setTimeout(rest, REST);
-    redraw();
-  }
-
-  /** The view is at rest, unless a button is held: draw the finest level. */
-  function rest() {
-    if (pointers.size) resting = setTimeout(rest, REST);
-    else {
-      scene.coarse = 1;
-      redraw();
-    }
-  }
-
-  const pointers = new Map();
-  if (model.strokes.n > MANY) {
-    scene.coarse = 8;
-    resting = setTimeout(rest, REST);
-  }
+  const pointers = new Map(), moving = () => scene.moving(redraw, () => pointers.size > 0);
+  if (scene.pace > 1) moving();
   let moved = 0, far = 0;
   const local = (event, canvas) => {
     const box = canvas.getBoundingClientRect();

@@ -60,6 +60,10 @@ void main() {
   if (paint.a > 0.0) shade = paint.rgb;
   colour = vec4(time > now ? mix(paper, shade, 0.4) : shade, 1.0);
 }`;
+const SLOW = 45, QUICK = 20;  // ms for a frame: above the first the path is drawn coarser, below the second finer
+const MANY = 100000;         // strokes; a path with more of them is first drawn coarsely, as at the first motion of the view
+const COARSE = 8;
+const REST = 300;            // ms without a motion after which the view is at rest
 const VIEWS = {"3d": [0.6, 0.55], top: [0, Math.PI / 2], front: [0, 0], side: [Math.PI / 2, 0]};
 
 class Scene {
@@ -68,7 +72,8 @@ class Scene {
     this.model = model;
     this.shown = boxesShown;
     this.levels = levels(model.strokes, model.size, model.about.tolerance);
-    this.coarse = 1;     // grows while frames are slow
+    this.pace = model.strokes.n > MANY ? COARSE : 1;  // grows while frames are slow
+    this.coarse = 1;     // that of the next frame
     this.target = [0, 0, 0];
     this.chosen = null;
     const gl = this.gl = canvas.getContext("webgl2", {antialias: true, alpha: false});
@@ -96,7 +101,7 @@ class Scene {
     }
     gl.enable(gl.DEPTH_TEST);
     gl.depthFunc(gl.LEQUAL);
-    for (const level of this.levels) level.texture = null;  // created at the first use
+    for (const {made, cover} of this.levels) for (const strokes of [made, cover]) if (strokes) strokes.texture = null;  // created at the first use
     this.lines = this.shown.map(box => ({...box, texture: this.texture(box.data)}));
     if (this.chosen) this.chosen.texture = this.texture(this.chosen.data);
   }
@@ -173,6 +178,28 @@ class Scene {
     this.move(dx, dy);
   }
 
+  /** The view moves: draw coarsely enough to keep up, judged by the duration of the last frames, and finely at rest. */
+  moving(redraw, isHeld = () => false) {
+    if (!this.timed) {
+      this.timed = true;
+      requestAnimationFrame(begin => requestAnimationFrame(end => {
+        this.timed = false;
+        const took = end - begin;
+        if (took > SLOW) this.pace = Math.min(this.pace * Math.min(took / SLOW, 4), 64);
+        else if (took < QUICK) this.pace = Math.max(this.pace / 1.2, 1);
+      }));
+    }
+    const rest = () => {
+      if (isHeld()) return this.resting = setTimeout(rest, REST);
+      this.coarse = 1;
+      redraw();
+    };
+    this.coarse = this.pace;
+    clearTimeout(this.resting);
+    this.resting = setTimeout(rest, REST);
+    redraw();
+  }
+
   /** Return the coarsest level with a tolerance that is invisible at this scale. */
   level() {
     const seen = 0.4 * this.coarse / (this.scale * devicePixelRatio);
@@ -182,8 +209,8 @@ class Scene {
   }
 
   /** Yield runs [first, last) of blocks that overlap a rectangle of the screen, in CSS pixels. */
-  *visible(level, left, top, right, bottom) {
-    const m = this.turn(), {boxes} = level, n = boxes.length / 6;
+  *visible(strokes, left, top, right, bottom) {
+    const m = this.turn(), {boxes} = strokes, n = boxes.length / 6;
     const [w, h, s] = [this.canvas.clientWidth / 2, this.canvas.clientHeight / 2, this.scale];
     let first = -1;
     for (let b = 0; b <= n; b++) {
@@ -233,11 +260,13 @@ class Scene {
     for (const line of this.lines) this.strokes(line, 0, line.data.length / FLOATS / 2, 1.1 * dpr, [...line.colour(), 1], 2);
     gl.uniform1f(u.now, now);
     const level = this.level(), wide = level.n < 20000 ? 2 : level.n < 100000 ? 1.5 : 1.1;
-    level.texture ??= this.texture(level.data);
     this.drawn = 0;
-    for (const [first, last] of this.visible(level, 0, 0, this.canvas.clientWidth, this.canvas.clientHeight)) {
-      const end = Math.min(last * BLOCK, level.n - 1);
-      this.strokes(level, first * BLOCK, end, wide * dpr, [0, 0, 0, 0], 1);
+    // Long strokes close to each other take most of the time, and hide each other.
+    const strokes = this.coarse > 1 ? level.few : level.all;
+    strokes.texture ??= this.texture(strokes.data);
+    for (const [first, last] of this.visible(strokes, 0, 0, this.canvas.clientWidth, this.canvas.clientHeight)) {
+      const end = Math.min(last * BLOCK, strokes.count);
+      this.strokes(strokes, first * BLOCK, end, wide * dpr, [0, 0, 0, 0], strokes.stride);
       this.drawn += end - first * BLOCK;
     }
     if (this.chosen) {
@@ -271,7 +300,7 @@ class Scene {
       pz = m[2] * a + m[5] * b + m[8] * c;
     };
     let px = 0, py = 0, pz = 0;
-    for (const [first, last] of this.visible(level, x - near, y - near, x + near, y + near)) {
+    for (const [first, last] of this.visible(level.all, x - near, y - near, x + near, y + near)) {
       point(first * BLOCK * FLOATS);
       for (let i = first * BLOCK; i < Math.min(last * BLOCK, level.n - 1); i++) {
         const [ax, ay, az] = [px, py, pz];

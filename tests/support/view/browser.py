@@ -98,6 +98,11 @@ class Browser:
         os.close(self._write)
         self._folder.cleanup()
 
+    @property
+    def session(self) -> int:
+        """The session of its processes."""
+        return self._process.pid
+
     def call(self, method: str, timeout: float = HANG, **parameters: Any) -> dict[str, Any]:
         """Call a method of the protocol and return its result."""
         self._number += 1
