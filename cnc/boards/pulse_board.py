@@ -21,6 +21,7 @@ from cnc.model.blocks import Block, Coolant, End, Held, Probe, Spindle
 from cnc.model.diagnostics import BoardError, Diagnostic, UsageError
 from cnc.model.operator_control import Control
 from cnc.model.streams import PulseChunk
+from cnc.model.units import decimal_text
 
 # Faults of an open board: the first one ends its use, those of a thread are raised by a call.
 
@@ -394,7 +395,7 @@ class MachinePosition:
     def text(self, steps: NDArray[np.int64]) -> str:
         """Return the machine coordinates of a grid point (axes,) as text."""
         return " ".join(
-            f"{letter}{value:.4f}".rstrip("0").rstrip(".")
+            letter + decimal_text(value, 4)
             for letter, value in zip(self.letters, self.mm(steps), strict=True)
         )
 

@@ -18,7 +18,7 @@ from typing import Literal
 from cnc.gcode.core.axis_words import surface_rpm
 from cnc.model.blocks import Spindle
 from cnc.model.choices import TargetName
-from cnc.model.units import MM_PER_INCH
+from cnc.model.units import MM_PER_INCH, decimal_text
 
 SYSTEM: Literal["A"] = "A"
 """G-code system in which programs for FANUC's and Haas' lathes are written."""
@@ -84,14 +84,14 @@ class LatheCodes:
             scale: mm of a program unit.
         """
         turns = "M3" if block.state == "cw" else "M4"
-        most = f"{block.rpm:.3f}".rstrip("0").rstrip(".")
+        most = decimal_text(block.rpm, 3)
         if not block.surface_speed:
             # SINUMERIK's limit holds here, too.
             raised = f" LIMS={most}" if self.speed_limit == "LIMS" and 0 < limit < block.rpm else ""
             yield f"G97 S{most} {turns}{raised}"
             return
         metres = 1000.0 if scale == 1.0 else 12.0 * MM_PER_INCH
-        speed = f"S{block.surface_speed * 60.0 / metres:.4f}".rstrip("0").rstrip(".")
+        speed = f"S{decimal_text(block.surface_speed * 60.0 / metres, 4)}"
         if not block.rpm:
             yield f"G96 {speed} {turns}"
         elif self.speed_limit == "D":
@@ -130,7 +130,7 @@ class LatheCodes:
         word, unit = self.start_angle
         if not angle:
             return ""
-        return f"{word}{angle / unit:.3f}".rstrip("0").rstrip(".")
+        return word + decimal_text(angle / unit, 3)
 
 
 _LINUXCNC = LatheCodes(

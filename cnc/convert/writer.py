@@ -47,6 +47,7 @@ from cnc.model.blocks import (
     Stop,
     Tool,
 )
+from cnc.model.units import decimal_text
 
 SHORTEST_RUN = 3
 """Straight moves. Fewer are written as they are."""
@@ -378,7 +379,7 @@ class Writer:
             ):
                 given = letter in letters or not self.target.in_group(words, group)
                 if not given and value is not None and value != there:
-                    missing.append(letter + f"{value:.3f}".rstrip("0").rstrip("."))
+                    missing.append(letter + decimal_text(value, 3))
             if missing:
                 self._out.put(" ".join(missing))
             needs_code = not self.target.in_group(words, "motion") and letters & AXES

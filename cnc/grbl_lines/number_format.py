@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from cnc.model.blocks import AXIS_LETTERS, AxisLetter, Block
+from cnc.model.units import decimal_text
 
 LONGEST = 79
 """Characters of a line without its end: GRBL's line buffer holds 80 with the end of the string
@@ -48,18 +49,10 @@ def board_axes(axes: Iterable[str]) -> tuple[AxisLetter, ...]:
     return AXIS_LETTERS[: len(board_letters(axes))]
 
 
-def number(value: float, digits: int) -> str:
-    """Return ``value`` with at most ``digits`` decimals and no trailing zeros."""
-    text = f"{value:.{digits}f}"
-    if "." in text:
-        text = text.rstrip("0").rstrip(".")
-    return "0" if text == "-0" else text
-
-
 def feed_word(per_minute: float) -> str:
     """Return an F word with at least four significant digits; never F0 (error:22 in GRBL)."""
     digits = 1 if per_minute >= 100.0 else 3 - math.floor(math.log10(max(per_minute, 1e-3)))
-    return "F" + number(max(per_minute, 1e-3), digits)
+    return "F" + decimal_text(max(per_minute, 1e-3), digits)
 
 
 def plain_text(text: str) -> str:

@@ -52,7 +52,6 @@ from cnc.grbl_lines.number_format import (
     board_axes,
     board_letters,
     message_lines,
-    number,
 )
 from cnc.grbl_lines.path_samples import (
     Fit,
@@ -91,6 +90,7 @@ from cnc.model.diagnostics import Diagnostic, GcodeError
 from cnc.model.line_effects import MODES, REST, LineEffect, LineKind
 from cnc.model.parameter_numbers import G54_ORIGIN
 from cnc.model.streams import GcodeLine
+from cnc.model.units import decimal_text
 from cnc.path.build import exact_path
 from cnc.path.chunk import PathChunk
 
@@ -143,7 +143,7 @@ class CommandLines:
         if not isinstance(block, Spindle) or not block.with_motion or block.state != self._spindle:
             return None
         changed, self._rpm = block.rpm != self._rpm, block.rpm
-        return f"S{number(block.rpm, 3)}" if changed else ""
+        return f"S{decimal_text(block.rpm, 3)}" if changed else ""
 
     def _commands(self, block: Block) -> Iterator[Command]:
         match block:
@@ -186,10 +186,10 @@ class CommandLines:
             if self._spindle != "off":
                 yield "M5", REST
         elif block.state != self._spindle:
-            yield f"{'M3' if block.state == 'cw' else 'M4'} S{number(block.rpm, 3)}", REST
+            yield f"{'M3' if block.state == 'cw' else 'M4'} S{decimal_text(block.rpm, 3)}", REST
         elif block.rpm != self._rpm:
             # GRBL comes to rest for a new speed, and with an S that stands alone for a new power.
-            yield f"S{number(block.rpm, 3)}", REST
+            yield f"S{decimal_text(block.rpm, 3)}", REST
         self._spindle, self._rpm = block.state, block.rpm
 
     def _coolant_commands(self, block: Coolant) -> Iterator[Command]:
@@ -240,7 +240,7 @@ def _dwell(seconds: float) -> Iterator[Command]:
 
 
 def _dwell_line(seconds: float) -> Command:
-    text = number(seconds, 3)
+    text = decimal_text(seconds, 3)
     return f"G4 P{text}", LineEffect(LineKind.DWELL, seconds=float(text))
 
 

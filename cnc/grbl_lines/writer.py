@@ -27,12 +27,11 @@ from cnc.grbl_lines.number_format import (
     PlaneArc,
     Point,
     feed_word,
-    number,
 )
 from cnc.model.diagnostics import Diagnostic
 from cnc.model.line_effects import REST, LineEffect, LineKind, new_effect
 from cnc.model.streams import GcodeLine, new_line
-from cnc.model.units import per_minute, per_second
+from cnc.model.units import decimal_text, per_minute, per_second
 
 # Points and arcs in the rounded numbers of a line.
 #
@@ -133,7 +132,7 @@ class ArcPrinter:
 
     def text(self, value: float, axis: int) -> str:
         """Return the number of a line for a machine coordinate of an axis, from 0."""
-        return number(value - self.offset[axis], self.digits)
+        return decimal_text(value - self.offset[axis], self.digits)
 
     def chords_of(self, printed: PrintedArc, arc: PlaneArc) -> int:
         """Return the number of chords that replace an arc."""
@@ -179,7 +178,7 @@ class ArcPrinter:
                 (cx - 0.5 * (here[0] + there[0])) * tx + (cy - 0.5 * (here[1] + there[1])) * ty
             ) / (tx * tx + ty * ty)
             cx, cy = cx - off * tx, cy - off * ty
-        texts = number(cx - here[0], self.digits), number(cy - here[1], self.digits)
+        texts = decimal_text(cx - here[0], self.digits), decimal_text(cy - here[1], self.digits)
         center = float(texts[0]), float(texts[1])
         angle = abs(angle_read(here, there, center, arc.sweep > 0.0))
         return PrintedArc(end, center, texts, radius, angle, closed)

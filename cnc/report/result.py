@@ -8,6 +8,7 @@ from typing import Any
 
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import EXIT_REJECTED, CncError, Diagnostic
+from cnc.model.units import decimal_text
 
 # Numbers, times and coordinates as text for people.
 
@@ -38,8 +39,7 @@ def spaced(count: int) -> str:
 
 def position(value: float) -> str:
     """Return a coordinate in mm to 0.1 micrometres."""
-    digits = f"{value:.4f}".rstrip("0").rstrip(".")
-    return "0" if digits == "-0" else digits
+    return decimal_text(value, 4)
 
 
 # Differences between a program's baseline and its present check.

@@ -14,7 +14,6 @@ spindle that turns clockwise climbs there.
 from __future__ import annotations
 
 import math
-import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, ClassVar, Literal
@@ -25,6 +24,7 @@ from cnc.gcode.dialects import Dialect, load
 from cnc.gcode.reader.words import G, M
 from cnc.model.choices import DialectName
 from cnc.model.diagnostics import Diagnostic, UsageError
+from cnc.model.units import decimal_text
 from cnc.simple_jobs.lettering import letters, strokes
 
 MOST_LINES = 100_000
@@ -478,8 +478,7 @@ def _count(length: float, step: float) -> int:
 
 def _n(value: float) -> str:
     """Return a number with at most four decimals."""
-    text = f"{value:.4f}".rstrip("0").rstrip(".")
-    return re.sub(r"^-0$", "0", text)
+    return decimal_text(value, 4)
 
 
 def _xy(place: tuple[float, float]) -> str:

@@ -24,6 +24,7 @@ from cnc.gcode.reader.words import AXES, G_OF_TENTHS, MAX_NUMBER, G, LineWords, 
 from cnc.machine.program_codes import CodeAction, RunFile, SetOutput
 from cnc.model.blocks import BoardCommand, DigitalOutput, Stop
 from cnc.model.diagnostics import Fix
+from cnc.model.units import decimal_text
 
 _BUILDER_WORDS = "PQ"
 """Words that may stand beside a builder's M-code. Source: LinuxCNC, "M100 - M199"."""
@@ -365,7 +366,7 @@ def _without_exponent(whole: Word, before: Word, exponent: Word) -> tuple[str, F
     value = Decimal(before.number).scaleb(int(exponent.written[1:]))
     if abs(value) > MAX_NUMBER:
         return f"a number is at most {MAX_NUMBER:.0f}", None
-    digits = f"{value:.9f}".rstrip("0").rstrip(".")
+    digits = decimal_text(value, 9)
     exact = f"{Decimal(before.written[1:]).scaleb(int(exponent.written[1:])):f}"
     fix = Fix.replace("write the number out", whole.column, whole.length, before.letter + exact)
     return f"write {before.letter}{digits}", fix

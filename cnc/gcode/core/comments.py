@@ -15,6 +15,7 @@ from cnc.gcode.reader.words import Word, fault
 from cnc.model.blocks import Message
 from cnc.model.diagnostics import GcodeError
 from cnc.model.parameter_numbers import ALARM, EXTERNAL_OFFSET
+from cnc.model.units import decimal_text
 
 UNKNOWN = "######"
 """Replaces a parameter that does not exist."""
@@ -60,7 +61,7 @@ def shown(text: str, parameters: Parameters) -> str:
             found = parameters.name(name, 0)
         except GcodeError:
             return UNKNOWN
-        return f"{found:.10f}".rstrip("0").rstrip(".") if found == found else UNKNOWN
+        return decimal_text(found, 10) if found == found else UNKNOWN
 
     return _QUOTED.sub(value, text)
 

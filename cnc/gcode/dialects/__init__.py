@@ -38,6 +38,7 @@ from cnc.gcode.reader.parser import Flavour, Syntax
 from cnc.gcode.reader.words import G_OF_TENTHS, M_OF_NUMBER, G, M, Word, fault
 from cnc.model.choices import DialectName, GcodeSystem
 from cnc.model.diagnostics import Diagnostic, GcodeError, UsageError
+from cnc.model.units import decimal_text
 
 if TYPE_CHECKING:
     from cnc.gcode.reader.parameters import Variables
@@ -329,9 +330,7 @@ def _refused(word: Word, dialect: Dialect, kind: str, code: float) -> GcodeError
         return fault("code-not-supported", message, word, builder)
     similar = " or ".join(
         f"{kind.upper()}{name_of_other}"
-        for name_of_other in near(
-            f"{word.number:.3f}".rstrip("0").rstrip("."), _legal(dialect.name)[kind]
-        )
+        for name_of_other in near(decimal_text(word.number, 3), _legal(dialect.name)[kind])
     )
     hint = f"did you mean {similar}?" if similar else ""
     if kind == "m":

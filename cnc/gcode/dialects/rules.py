@@ -11,6 +11,7 @@ from typing import Literal, NamedTuple
 from cnc.gcode.reader.words import G, LineWords
 from cnc.model.blocks import PathControl
 from cnc.model.choices import WrapRule
+from cnc.model.units import decimal_text
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,8 +169,8 @@ class DwellRules:
         """Return a line that waits for so many seconds, rounded to 0.1 ms."""
         unit = self.units.get("P")
         if not unit:
-            return f"G4 F{_plain(seconds)}"
-        return f"G4 P{_plain(seconds)}" if unit == 1.0 else f"G4 P{round(seconds / unit)}"
+            return f"G4 F{decimal_text(seconds, 4)}"
+        return f"G4 P{decimal_text(seconds, 4)}" if unit == 1.0 else f"G4 P{round(seconds / unit)}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -311,8 +312,3 @@ def near(written: str, legal: frozenset[float]) -> list[str]:
         ]
     numbers = dict.fromkeys(float(slip) for slip in slips if slip)
     return [f"{number:g}" for number in numbers if number in legal][:3]
-
-
-def _plain(seconds: float) -> str:
-    """Return a number without an exponent, and without zeros at its end."""
-    return f"{seconds:.4f}".rstrip("0").rstrip(".")
