@@ -78,6 +78,15 @@ class Scene {
     this.chosen = null;
     const gl = this.gl = canvas.getContext("webgl2", {antialias: true, alpha: false});
     if (gl) this.prepare();
+    if (this.pace > 1) this.makeAhead(this.levels.length - 1);
+  }
+
+  /** Make the coarser levels while nobody waits for them: in a frame this would be seen. */
+  makeAhead(k) {
+    if (k > 0) (window.requestIdleCallback ?? setTimeout)(() => {
+      this.levels[k].few;
+      this.makeAhead(k - 1);
+    });
   }
 
   prepare() {
