@@ -177,7 +177,29 @@ def test_a_lower_feed_near_a_pole_is_planned_with_the_next_slice(tmp_path):
     assert planned - requested <= 1.5 * SLICE
 
 
-def test_a_hold_of_slow_motion_is_tried_again_after_a_slice(tmp_path):
+def test_a_hold_of_slow_motion_that_is_refused_is_tried_again_after_a_slice(monkeypatch):
+    """Other slices of motion at 0.02 mm/s take half a second: they cover 0.01 mm."""
+    tries: list[float] = []
+    accepted = LookAhead._accepted
+
+    def refused_at_first(ahead, factor):
+        tries.append(ahead._window.clock.seconds)
+        return accepted(ahead, factor) and len(tries) > 4
+
+    monkeypatch.setattr(LookAhead, "_accepted", refused_at_first)
+    control, end = Control(), 0.0
+    for item in LookAhead(machine(), control).plan(path_of([lines([(0.2, 0.0, 0.0)], 0.02)])):
+        if isinstance(item, Held):
+            break
+        end = item.t0 + item.duration
+        if end >= 3.0:
+            control.hold()
+    assert len(tries) >= 5
+    assert max(np.diff(tries)) <= 0.5 * SLICE + 1e-9
+
+
+@pytest.mark.soak
+def test_a_hold_of_slow_motion_near_a_pole_is_tried_again_after_a_slice(tmp_path):
     """Other slices of motion at 0.02 mm/s take half a second: they cover 0.01 mm."""
     rng = np.random.default_rng([29112250, FAMILIES.index("five axes"), 39])
     program = random_program("five axes", rng, tmp_path)
