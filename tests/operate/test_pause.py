@@ -176,7 +176,7 @@ def test_a_tool_measured_at_its_change_has_this_length_then(shop, tmp_path):
     assert place(session) == pytest.approx({"x": 14.0, "y": 5.0, "z": 11.5}, abs=2 * GRID)
 
 
-@on_boards("operator", "klipper_shop")
+@on_boards("operator", "grbl_shop")
 def test_a_program_resumed_without_an_activity_goes_on_at_once(paused):
     session, listener, ended = paused(PROGRAM.format(pause="M0"))
     session.resume()
@@ -221,7 +221,7 @@ def test_a_zero_that_the_program_would_set_back_is_refused(paused):
     assert listener.of(Alarm)
 
 
-@on_boards("grbl_shop", "klipper_shop")
+@on_boards("operator", "klipper_shop")
 def test_a_zero_that_leads_out_of_the_travel_can_be_set_again(paused):
     session, listener, ended = paused(PROGRAM.format(pause="M0"))
     session.zero({"z": 5000.0}).result(PATIENCE)
@@ -234,7 +234,7 @@ def test_a_zero_that_leads_out_of_the_travel_can_be_set_again(paused):
     assert place(session) == pytest.approx({"x": 14.0, "y": 5.0, "z": 8.0}, abs=GRID)
 
 
-@on_boards("operator", "stepper_shop")
+@on_boards("klipper_shop", "stepper_shop")
 def test_other_activities_and_a_second_one_wait_for_the_end_of_the_pause(paused):
     session, _, ended = paused(PROGRAM.format(pause="M0"))
     for begin in (lambda: session.mdi("G0 X1"), session.home, session.disconnect):
