@@ -73,7 +73,7 @@ def mill(tmp_path_factory):
 
 @contextmanager
 def board_with_power(mill):
-    """Provide the terminal of a simulated board that is not homed, twice as fast as a real one."""
+    """Provide the terminal of a simulated board that is not homed."""
     pty_server = pytest.importorskip("cnc.simulators.grbl.ports")
     pytest.importorskip("termios")
     settings = settings_of(load_machine(str(mill)))
@@ -81,7 +81,7 @@ def board_with_power(mill):
     around.offset = (-12.0, -12.0, -6.0)  # The switches are near.
     around.workpiece = Workpiece((HalfSpace((0.0, 0.0, 1.0), PLATE),))
     board = GrblSimulator(GRBL, settings=settings, environment=around)
-    with pty_server.PtyServer(board, 2.0) as terminal:
+    with pty_server.PtyServer(board) as terminal:
         yield terminal.name
 
 

@@ -110,7 +110,7 @@ def test_from_a_blank_board_to_the_first_part(page, port):
     expect(page.locator("#findings")).to_contain_text("line 3: error number-missing")
     picture(page, "console-finding")
     # A right one is checked, cut in the simulation, and run.
-    upload(page, "plate.nc", PROGRAM.format(feed=120))
+    upload(page, "plate.nc", PROGRAM.format(feed=240))
     expect(page.locator("#outcome")).to_contain_text("checked")
     expect(page.locator("#limits")).to_contain_text("Z velocity")
     page.fill("#stock", "X0:80,Y15:55,Z-10:0")
@@ -165,7 +165,7 @@ def test_a_watcher_sees_the_machine_and_may_stop_it_only(page, browser, address,
     take(page)
     connect(page, port)
     enter(page, ZERO)
-    upload(page, "slow.nc", PROGRAM.format(feed=30).replace("T1 M6\n", ""))
+    upload(page, "slow.nc", PROGRAM.format(feed=60).replace("T1 M6\n", ""))
     expect(page.locator("#outcome")).to_contain_text("checked")
     context = browser.new_context(viewport={"width": 390, "height": 800}, has_touch=True)
     phone = context.new_page()

@@ -103,7 +103,7 @@ def desk(browser, address, port):
     take(page)
     connect(page, port)
     enter(page, ZERO)
-    upload(page, "plate.nc", PROGRAM.format(feed=120).replace("T1 M6\n", ""))
+    upload(page, "plate.nc", PROGRAM.format(feed=240).replace("T1 M6\n", ""))
     expect(page.locator("#outcome")).to_contain_text("checked")
     yield page
     page.context.close()
@@ -393,7 +393,7 @@ def test_the_story_on_a_phone(desk, browser, address, port):
     expect(phone.locator("#message")).to_contain_text("is back")
     enter(phone, ZERO)
     tap('nav button[data-part="program"]')
-    upload(phone, "phone.nc", PROGRAM.format(feed=120).replace("T1 M6\n", ""))
+    upload(phone, "phone.nc", PROGRAM.format(feed=240).replace("T1 M6\n", ""))
     expect(phone.locator("#outcome")).to_contain_text("checked")
     phone.check("#trust")
     tap("#run")

@@ -40,7 +40,7 @@ def desk(browser, address, port):
     take(page)
     connect(page, port)
     enter(page, ZERO)
-    upload(page, "plate.nc", PROGRAM.format(feed=120).replace("T1 M6\n", ""))
+    upload(page, "plate.nc", PROGRAM.format(feed=240).replace("T1 M6\n", ""))
     expect(page.locator("#outcome")).to_contain_text("checked")
     yield page
     page.context.close()

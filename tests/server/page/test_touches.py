@@ -14,7 +14,7 @@ from tests.support.soak import share
 
 NOTE = ROOT / "docs" / "notes" / "2026-11-29-console-layouts.md"
 COLUMNS = ("desk", "phone", "gSender desk", "gSender phone")
-CUT = PROGRAM.format(feed=120).replace("T1 M6\n", "")
+CUT = PROGRAM.format(feed=240).replace("T1 M6\n", "")
 TOOL_CHANGE = "G21 G90 F3000\nG0 X0 Y0 Z0\nT2 M6\nG0 X5\nG0 Z-1\nM30\n"
 DISTANCE = "#steps input[aria-label='1 mm']"
 
