@@ -47,7 +47,7 @@ class Listener:
 
 def zero_here(session):
     """Make the present place the zero of all axes, so that programs have room."""
-    session.jog_step({"x": 20.0, "y": 20.0, "z": -20.0}, unhomed=True).exception(PATIENCE)
+    session.jog_step({"x": 6.0, "y": 6.0, "z": -14.0}, unhomed=True).exception(PATIENCE)
     session.zero({"x": 0.0, "y": 0.0, "z": 0.0}).result(PATIENCE)
     return session.state.machine
 
