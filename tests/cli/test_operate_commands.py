@@ -8,7 +8,7 @@ import re
 
 import pytest
 
-from cnc.simulators.grbl import ports
+from cnc.simulators.grbl import board as grbl_board
 from cnc.simulators.grbl.ports import ScaledTime
 from cnc.simulators.grbl.workpiece import Environment, HalfSpace, Workpiece
 
@@ -18,7 +18,7 @@ SIMULATED = ("--board", "grbl-sim", "--machine", "grbl-uno")
 @pytest.fixture(autouse=True)
 def quick_board(monkeypatch):
     """Let the GRBL simulator run sixteen times as fast as a board."""
-    monkeypatch.setattr(ports, "ScaledTime", functools.partial(ScaledTime, factor=16.0))
+    monkeypatch.setattr(grbl_board, "ScaledTime", functools.partial(ScaledTime, factor=16.0))
 
 
 @pytest.mark.parametrize("options", [(), SIMULATED])

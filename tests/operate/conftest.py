@@ -15,7 +15,7 @@ from cnc.machine.load import load_machine
 from cnc.operate import operator_session
 from cnc.operate.operator_session import OperatorSession
 from cnc.operate.probing import shipped_cycles
-from cnc.simulators.grbl import ports
+from cnc.simulators.grbl import board as grbl_board
 from cnc.simulators.grbl.ports import ScaledTime
 from cnc.simulators.grbl.workpiece import HalfSpace, Workpiece
 from cnc.simulators.klipper.ports import KlipperSimulatorBoard, KlipperSimulatorPort
@@ -54,7 +54,7 @@ class QuickClock:
 @pytest.fixture
 def quick_board(monkeypatch):
     """Let the simulated boards run faster than real ones: GRBL by 32, the loopback board by 10."""
-    monkeypatch.setattr(ports, "ScaledTime", functools.partial(ScaledTime, factor=32.0))
+    monkeypatch.setattr(grbl_board, "ScaledTime", functools.partial(ScaledTime, factor=32.0))
     monkeypatch.setattr(loopback, "SystemClock", QuickClock)
 
 
