@@ -6,11 +6,14 @@ kernel compiles it. Positions of boards are kept in a temporary folder.
 
 import gc
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
 
 from tests.support.soak import share, soaking
+
+CONSOLE_IN_A_BROWSER = Path(__file__).parent / "server" / "page"
 
 settings.register_profile(
     "cnc",
@@ -33,12 +36,18 @@ def pytest_collection() -> Iterator[None]:
         gc.enable()
 
 
+@pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave out the tests with the marker ``soak``, except under ``make soak``."""
+    """Leave out the tests with the marker ``soak``, except under ``make soak``.
+
+    Those of the console in a browser come first: processes that have run out of tests take the last
+    ones of others, and each would start a browser, and a server and a board for each file, anew.
+    """
     if not soaking():
         left_out = [item for item in items if item.get_closest_marker("soak")]
         config.hook.pytest_deselected(items=left_out)
         items[:] = [item for item in items if not item.get_closest_marker("soak")]
+    items.sort(key=lambda item: CONSOLE_IN_A_BROWSER not in item.path.parents)
 
 
 def pytest_collection_finish() -> None:

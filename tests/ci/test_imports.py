@@ -2,6 +2,7 @@
 
 import ast
 from collections.abc import Iterator
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -17,6 +18,12 @@ def modules() -> dict[str, Path]:
         parts = file.relative_to(ROOT).with_suffix("").parts
         files[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = file
     return files
+
+
+@cache
+def tree_of(file: Path) -> ast.Module:
+    """Return the syntax of a file."""
+    return ast.parse(file.read_text(encoding="utf-8"))
 
 
 def imports(tree: ast.AST) -> Iterator[ast.Import | ast.ImportFrom]:
@@ -40,11 +47,7 @@ def test_no_module_is_imported_by_a_module_that_it_imports() -> None:
     """The sorter raises CycleError, which names the modules of the cycle."""
     files = modules()
     graph = {
-        name: {
-            target
-            for node in imports(ast.parse(file.read_text(encoding="utf-8")))
-            for target in targets(node, files)
-        }
+        name: {target for node in imports(tree_of(file)) for target in targets(node, files)}
         for name, file in files.items()
     }
     assert sum(map(len, graph.values())) > 1000
@@ -55,7 +58,7 @@ def test_few_imports_stand_inside_functions() -> None:
     found = [
         f"{file.relative_to(ROOT)}:{node.lineno}"
         for file in modules().values()
-        for function in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        for function in ast.walk(tree_of(file))
         if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef)
         for node in imports(function)
     ]

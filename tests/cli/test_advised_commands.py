@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
 from cnc.simulators.grbl.grbl_simulator import Alarm, Error, GrblSimulator
-from cnc.simulators.grbl.ports import PtyServer
+from tests.support.boards.grbl_cable import GrblCable, grbl_cable
 from tests.support.session.position_runs import FAST, SWITCHES
-from tests.support.waiting import wait_until
 
-pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="there are no pseudo-terminals")
 PROGRAM = "G21 G90\nG0 Z2\nG1 X6 F2000\nG1 Z-1 F600\nG1 X12 F900\nG1 Y8 F1500\nG1 X4\nG1 Y3\nM2\n"
 END = (4.0, 3.0, -1.0)
 FAULT_AT = 14
@@ -31,18 +28,18 @@ travel = [TRAVEL]
 
 
 class Bench:
-    """A simulated board at a terminal, and the commands of its operator."""
+    """A simulated board at a cable, and the commands of its operator."""
 
     def __init__(
         self,
-        server: PtyServer,
+        cable: GrblCable,
         cncrun: Callable[..., tuple[int, str, str]],
         machine: Path,
         program: Path,
         monkeypatch: pytest.MonkeyPatch,
     ) -> None:
-        self.simulator, self._server, self._cncrun = server.simulator, server, cncrun
-        self._options = ("--machine", str(machine), "--port", server.name)
+        self.simulator, self._cable, self._cncrun = cable.simulator, cable, cncrun
+        self._options = ("--machine", str(machine), "--port", cable.name)
         self.program, self.monkeypatch = str(program), monkeypatch
         self.zero = self.stands()
 
@@ -58,7 +55,7 @@ class Bench:
     def does(self, *arguments: str) -> tuple[int, str, str]:
         """Carry out a command; return exit code, standard output and standard error."""
         found = self._cncrun(*arguments, *self._options)
-        wait_until(lambda: not self._server.is_open)
+        assert not self._cable.is_open
         return found
 
     def succeeds(self, *arguments: str) -> str:
@@ -92,8 +89,8 @@ def bench(
     machine.write_text(MACHINE.replace("TRAVEL", "-200, 0" if homes else "-200, 200"))
     program.write_text(PROGRAM)
     simulator = GrblSimulator(settings=SWITCHES if homes else FAST)
-    with PtyServer(simulator, 16.0) as server:
-        bench = Bench(server, cncrun, machine, program, monkeypatch)
+    with grbl_cable(simulator) as cable:
+        bench = Bench(cable, cncrun, machine, program, monkeypatch)
         if homes:
             bench.succeeds("home")
             bench.succeeds("jog", "X-50", "Y-50", "Z-10", "--feed", "4000")

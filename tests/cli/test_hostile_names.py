@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from itertools import cycle, product
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -51,8 +52,9 @@ def outputs(capsys: pytest.CaptureFixture[str]) -> tuple[str, str]:
     return capsys.readouterr()
 
 
-@pytest.mark.parametrize("form", FORMATS)
-@pytest.mark.parametrize("name", NAMES[:: share(1, 3)])
+@pytest.mark.parametrize(
+    ("name", "form"), share(list(product(NAMES, FORMATS)), list(zip(NAMES, cycle(FORMATS))))
+)
 def test_a_check_shows_names_without_their_effect(
     folder: Path,
     capsys: pytest.CaptureFixture[str],

@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import re
 
 import pytest
 
+from cnc.simulators.grbl import board as grbl_board
+from cnc.simulators.grbl.ports import ScaledTime
 from cnc.simulators.grbl.workpiece import Environment, HalfSpace, Workpiece
 
 SIMULATED = ("--board", "grbl-sim", "--machine", "grbl-uno")
+
+
+@pytest.fixture(autouse=True)
+def quick_board(monkeypatch):
+    """Let the GRBL simulator run sixteen times as fast as a board."""
+    monkeypatch.setattr(grbl_board, "ScaledTime", functools.partial(ScaledTime, factor=16.0))
 
 
 @pytest.mark.parametrize("options", [(), SIMULATED])

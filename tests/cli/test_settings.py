@@ -1,4 +1,4 @@
-"""The command ``cncrun settings`` on a simulated board at a terminal."""
+"""The command ``cncrun settings`` on a simulated board: at a cable, and once at a terminal."""
 
 from __future__ import annotations
 
@@ -16,18 +16,26 @@ from cnc.model.diagnostics import UsageError
 from cnc.simulators.grbl.firmware_profile import FLUIDNC, GRBL_SETTINGS, GRBLHAL
 from cnc.simulators.grbl.grbl_simulator import GrblSimulator
 from cnc.simulators.grbl.ports import PtyServer
+from tests.support.boards.grbl_cable import GrblCable, grbl_cable
 from tests.support.boards.grbl_rig import connected
 
-pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="there are no pseudo-terminals")
+
+@pytest.fixture
+def server() -> Iterator[GrblCable]:
+    with grbl_cable(GrblSimulator()) as cable:
+        yield cable
 
 
-@pytest.fixture(scope="module")
-def server() -> Iterator[PtyServer]:
+@pytest.mark.skipif(sys.platform == "win32", reason="there are no pseudo-terminals")
+def test_a_setting_is_shown_and_changed_at_a_terminal(cncrun) -> None:
     with PtyServer(GrblSimulator(), 10.0) as served:
-        yield served
+        shown = cncrun("settings", "11", "--port", served.name)
+        assert shown == (0, "$11 = 0.010  junction deviation, mm\n", "")
+        assert cncrun("settings", "110=4321", "--yes", "--port", served.name)[0] == 0
+        assert served.simulator.core.setting[110] == 4321.0
 
 
-def test_all_settings_are_shown_with_names_and_differences(cncrun, server: PtyServer) -> None:
+def test_all_settings_are_shown_with_names_and_differences(cncrun, server: GrblCable) -> None:
     code, out, err = cncrun("settings", "--machine", "grbl-uno", "--port", server.name)
     assert (code, err) == (0, "")
     rows = out.splitlines()
@@ -43,7 +51,7 @@ def test_all_settings_are_shown_with_names_and_differences(cncrun, server: PtySe
     )
 
 
-def test_a_change_is_confirmed_written_and_read_back(cncrun, server: PtyServer) -> None:
+def test_a_change_is_confirmed_written_and_read_back(cncrun, server: GrblCable) -> None:
     core = server.simulator.core
     code, _, err = cncrun("settings", "110=4321", "--port", server.name)
     assert code == 2
@@ -59,7 +67,7 @@ def test_a_change_is_confirmed_written_and_read_back(cncrun, server: PtyServer) 
     assert "error:6" in err
 
 
-def test_all_settings_are_saved_and_restored(cncrun, server: PtyServer, tmp_path: Path) -> None:
+def test_all_settings_are_saved_and_restored(cncrun, server: GrblCable, tmp_path: Path) -> None:
     core, file = server.simulator.core, str(tmp_path / "board.txt")
     before = dict(core.setting)
     assert cncrun("settings", "--save", file, "--port", server.name)[0] == 0
@@ -86,7 +94,7 @@ def test_all_settings_are_saved_and_restored(cncrun, server: PtyServer, tmp_path
         (["--board", "loopback"], "no-settings"),
     ],
 )
-def test_wrong_use_is_explained(cncrun, server: PtyServer, arguments: list[str], code: str) -> None:
+def test_wrong_use_is_explained(cncrun, server: GrblCable, arguments: list[str], code: str) -> None:
     port = [] if "--board" in arguments else ["--port", server.name]
     exit_code, _, err = cncrun("settings", *arguments, *port)
     assert exit_code == 2
@@ -138,7 +146,7 @@ def test_grblhal_names_its_own_settings() -> None:
 
 
 def test_settings_of_grblhal_have_its_own_names(cncrun) -> None:
-    with PtyServer(GrblSimulator(GRBLHAL.with_axes("XYZA")), 10.0) as served:
+    with grbl_cable(GrblSimulator(GRBLHAL.with_axes("XYZA"))) as served:
         code, out, err = cncrun("settings", "--machine", "grbl-uno", "--port", served.name)
         assert (code, err) == (0, "")
         rows = out.splitlines()
@@ -154,7 +162,7 @@ def test_settings_of_grblhal_have_its_own_names(cncrun) -> None:
 
 def test_fluidnc_without_numbered_settings_is_refused(cncrun, tmp_path: Path) -> None:
     file = tmp_path / "board.txt"
-    with PtyServer(GrblSimulator(FLUIDNC), 10.0) as served:
+    with grbl_cable(GrblSimulator(FLUIDNC)) as served:
         code, out, err = cncrun("settings", "--save", str(file), "--port", served.name)
     assert (code, out) == (2, "")
     assert "no-settings: the board has no numbered settings (FluidNC 3.7)" in err
@@ -168,7 +176,7 @@ def test_soft_limits_are_restored_with_the_homing_that_they_need(
     file = tmp_path / "board.txt"
     file.write_text(f"$20={after:.0f}\n$22={after:.0f}\n$110=900.000\n")
     simulator = GrblSimulator(settings={20: before, 22: before})
-    with PtyServer(simulator, 10.0) as served:
+    with grbl_cable(simulator) as served:
         code, _, err = cncrun("settings", "--load", str(file), "--yes", "--port", served.name)
     assert code == 0, err
     assert [simulator.core.setting[number] for number in (20, 22, 110)] == [after, after, 900.0]

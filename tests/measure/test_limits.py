@@ -158,7 +158,7 @@ class WeakMotor(SwitchedLoopback):
 
 @pytest.mark.parametrize(
     ("velocity", "acceleration", "weak"),
-    share([(6, 4, (1, -1)), (3, 5, (1,)), (4, 3, (-1,))], [(3, 5, (1,)), (4, 3, (-1,))]),
+    share([(6, 4, (1, -1)), (3, 5, (1,)), (4, 3, (-1,))], [(4, 3, (-1,))]),
 )
 def test_the_limits_of_a_weak_motor_are_found_by_its_switch(velocity, acceleration, weak):
     """Each lies between the values number n - 1 and n of its series."""

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from cnc.measure.ringing import modes, read_record
 from cnc.model.diagnostics import UsageError
+from tests.support.soak import share
 
 
 def ringing(rng, true, *, rate=1000.0, seconds=6.0, noise=0.02):
@@ -22,7 +23,7 @@ def ringing(rng, true, *, rate=1000.0, seconds=6.0, noise=0.02):
     return total + noise * rng.standard_normal(len(t)) + 9.81
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=share(40, 10), deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), rate=st.sampled_from([500.0, 800.0, 3200.0]))
 def test_two_modes_are_measured_to_one_per_cent(seed, rate):
     rng = np.random.default_rng(seed)

@@ -22,6 +22,8 @@ REST_TIME = 0.2
 GRID = 0.01
 PATIENCE = 60
 
+quick = pytest.mark.usefixtures("quick_board")
+
 
 class Listener:
     """Keeps the events of a session."""
@@ -44,6 +46,7 @@ def moves(operator, letter="x"):
     return lambda: abs(operator.state.machine[letter] - before) > 0.5
 
 
+@quick
 def test_a_step_ends_at_its_distance(any_operator):
     before = any_operator.state.machine
     any_operator.jog_step({"x": 1.5, "y": 2.0}).result(PATIENCE)
@@ -79,6 +82,7 @@ def test_three_signs_of_life_of_the_page_fit_in_the_silence():
     assert 3 * int(period[1]) <= 1000 * KEEP_ALIVE
 
 
+@quick
 def test_a_jog_never_passes_the_end_of_the_travel(any_operator):
     jog = any_operator.jog({"x": -1.0}, keep_alive=PATIENCE)
     jog.ended.result(PATIENCE)
@@ -142,6 +146,7 @@ def test_no_state_comes_after_a_newer_one():
     assert seen == ["none", "program"]
 
 
+@quick
 def test_the_modes_before_a_line_give_no_warnings(any_operator):
     assert ended(any_operator, "G1 X1 F600").outcome == "done"
     kept = ended(any_operator, "G0 X2")
@@ -157,6 +162,7 @@ def test_a_stop_ends_a_jog_and_the_next_activity_begins(any_operator):
     assert ended(any_operator, "G0 X2").outcome == "done"
 
 
+@quick
 def test_zero_and_half(any_operator):
     seen = Listener(any_operator)
     any_operator.jog_step({"x": 4.0, "y": 2.0}).result(PATIENCE)
@@ -170,6 +176,7 @@ def test_zero_and_half(any_operator):
     assert any_operator.state.work["y"] == pytest.approx(1.0, abs=GRID)
 
 
+@quick
 def test_a_line_that_only_writes_an_offset_is_done(any_operator):
     for y in (2.0, 2.5):
         assert ended(any_operator, f"G10 L2 P1 X1 Y{y} Z3").outcome == "done"
@@ -178,12 +185,14 @@ def test_a_line_that_only_writes_an_offset_is_done(any_operator):
     assert any_operator.state.machine["x"] == pytest.approx(2.0, abs=GRID)
 
 
+@quick
 def test_a_shift_of_g92_is_set(any_operator):
     any_operator.jog_step({"x": 4.0}).result(PATIENCE)
     any_operator.zero({"x": 1.0}, "G92").result(PATIENCE)
     assert any_operator.state.work["x"] == pytest.approx(1.0, abs=GRID)
 
 
+@quick
 def test_a_program_uses_the_zero(any_operator):
     any_operator.jog_step({"x": 4.0, "y": 2.0}).result(PATIENCE)
     any_operator.zero({"x": 0.0, "y": 0.0}, "G55").result(PATIENCE)
@@ -197,6 +206,7 @@ def test_an_unknown_system_is_refused(any_operator):
         any_operator.zero({"x": 0.0}, "G57.7").result(PATIENCE)
 
 
+@quick
 def test_an_entered_line_keeps_the_modes_of_the_lines_before(any_operator):
     assert ended(any_operator, "G91 G1 X2 F1200").outcome == "done"
     assert ended(any_operator, "X1").outcome == "done"
@@ -211,6 +221,7 @@ def test_an_entered_line_uses_the_parameters_of_the_lines_before(operator):
     assert operator.state.machine["y"] == pytest.approx(2.5, abs=GRID)
 
 
+@quick
 def test_the_error_of_an_entered_line_is_that_of_a_file(any_operator):
     assert ended(any_operator, "G90 G1 X2 F1200").outcome == "done"
     found = ended(any_operator, "G1 X2 Q+").findings[0]
@@ -256,6 +267,7 @@ def test_an_override_that_the_board_does_not_have_is_refused_as_a_whole(
     assert (shown.feed, shown.rapid, shown.spindle) == (100.0, 100.0, 100.0)
 
 
+@quick
 def test_a_program_stop_asks_the_operator(any_operator, tmp_path):
     program = tmp_path / "stop.nc"
     program.write_text("G90 G0 X1\nM0 (turn the part)\nG0 X2\nM2\n")

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import time
+from itertools import product
 
 import pytest
 
 from cnc.model.diagnostics import UsageError
 from cnc.operate.events import Alarm, Dialog, JobEnded, State
 from cnc.operate.probing import mdi_line
+from tests.support.soak import share
 from tests.support.waiting import wait_until
 
 pytestmark = pytest.mark.usefixtures("quick_board")
@@ -45,7 +47,7 @@ class Listener:
 
 def zero_here(session):
     """Make the present place the zero of all axes, so that programs have room."""
-    session.jog_step({"x": 20.0, "y": 20.0, "z": -20.0}, unhomed=True).exception(PATIENCE)
+    session.jog_step({"x": 6.0, "y": 6.0, "z": -14.0}, unhomed=True).exception(PATIENCE)
     session.zero({"x": 0.0, "y": 0.0, "z": 0.0}).result(PATIENCE)
     return session.state.machine
 
@@ -68,7 +70,15 @@ def begun(session, folder, text):
     return listener, ended
 
 
-@pytest.fixture(params=["operator", "grbl_shop", "klipper_shop", "stepper_shop"])
+BOARDS = ("operator", "grbl_shop", "klipper_shop", "stepper_shop")
+
+
+def on_boards(*some):
+    """Run a test on some kinds of boards; under ``make soak`` on all of them."""
+    return pytest.mark.parametrize("paused", share(BOARDS, some), indirect=True)
+
+
+@pytest.fixture(params=BOARDS)
 def paused(request, tmp_path):
     """Run a program on each kind of board until its pause."""
     fixture = request.getfixturevalue(request.param)
@@ -84,7 +94,14 @@ def place(session):
     }
 
 
-@pytest.mark.parametrize("pause", ["M0", "T2 M6"])
+PAUSES = ("M0", "T2 M6")
+
+
+@pytest.mark.parametrize(
+    ("paused", "pause"),
+    share(list(product(BOARDS, PAUSES)), list(zip(BOARDS, 2 * PAUSES, strict=True))),
+    indirect=["paused"],
+)
 def test_the_program_goes_on_at_the_height_of_a_zero_set_at_its_pause(paused, pause):
     session, listener, ended = paused(PROGRAM.format(pause=pause))
     assert place(session) == pytest.approx({"x": 10.0, "y": 5.0, "z": 2.0}, abs=GRID)
@@ -159,6 +176,7 @@ def test_a_tool_measured_at_its_change_has_this_length_then(shop, tmp_path):
     assert place(session) == pytest.approx({"x": 14.0, "y": 5.0, "z": 11.5}, abs=2 * GRID)
 
 
+@on_boards("operator", "grbl_shop")
 def test_a_program_resumed_without_an_activity_goes_on_at_once(paused):
     session, listener, ended = paused(PROGRAM.format(pause="M0"))
     session.resume()
@@ -166,6 +184,7 @@ def test_a_program_resumed_without_an_activity_goes_on_at_once(paused):
     assert [event.kind for event in listener.of(Dialog)] == ["stop"]
 
 
+@on_boards("grbl_shop", "stepper_shop")
 def test_the_pass_of_a_loop_at_which_the_run_waited_is_the_one_that_goes_on(paused):
     text = """\
 G21 G90 F600
@@ -192,6 +211,7 @@ M30
     assert place(session) == pytest.approx({"x": 20.0, "y": 3.0, "z": 8.0}, abs=GRID)
 
 
+@on_boards("operator", "grbl_shop")
 def test_a_zero_that_the_program_would_set_back_is_refused(paused):
     session, listener, ended = paused("G21 G90 F600\nG0 Z8\nG92 X1\nM0\nG0 X2\nM30\n")
     with pytest.raises(UsageError, match="pause-zero"):
@@ -201,6 +221,7 @@ def test_a_zero_that_the_program_would_set_back_is_refused(paused):
     assert listener.of(Alarm)
 
 
+@on_boards("operator", "klipper_shop")
 def test_a_zero_that_leads_out_of_the_travel_can_be_set_again(paused):
     session, listener, ended = paused(PROGRAM.format(pause="M0"))
     session.zero({"z": 5000.0}).result(PATIENCE)
@@ -213,6 +234,7 @@ def test_a_zero_that_leads_out_of_the_travel_can_be_set_again(paused):
     assert place(session) == pytest.approx({"x": 14.0, "y": 5.0, "z": 8.0}, abs=GRID)
 
 
+@on_boards("klipper_shop", "stepper_shop")
 def test_other_activities_and_a_second_one_wait_for_the_end_of_the_pause(paused):
     session, _, ended = paused(PROGRAM.format(pause="M0"))
     for begin in (lambda: session.mdi("G0 X1"), session.home, session.disconnect):

@@ -27,7 +27,7 @@ def amplitude(times: np.ndarray, parts: np.ndarray, frequency: float, damping: f
     return float(np.hypot(place, (slope + damping * w * place) / damped))
 
 
-@settings(deadline=None, max_examples=share(200, 15))
+@settings(deadline=None, max_examples=share(200, 5))
 @given(several, st.floats(-0.2, 0.2))
 def test_little_remains_of_each_mode(ringing: tuple[Mode, ...], off: float) -> None:
     """5 % within 10 % of the frequency, 10 % at 20 % off, and in between on a line."""
@@ -38,7 +38,7 @@ def test_little_remains_of_each_mode(ringing: tuple[Mode, ...], off: float) -> N
         assert left <= 1.01 * allowed
 
 
-@settings(deadline=None, max_examples=share(200, 15))
+@settings(deadline=None, max_examples=share(200, 5))
 @given(several)
 def test_a_shaper_keeps_the_limits_of_the_motion(ringing: tuple[Mode, ...]) -> None:
     """A mean of motions with positive weights has no larger speed, acceleration or jerk."""
@@ -49,7 +49,7 @@ def test_a_shaper_keeps_the_limits_of_the_motion(ringing: tuple[Mode, ...]) -> N
     assert (np.diff(shaper.times) > 0.0).all()
 
 
-@settings(deadline=None, max_examples=share(200, 15))
+@settings(deadline=None, max_examples=share(200, 5))
 @given(modes)
 def test_one_mode_costs_less_than_a_period(mode: Mode) -> None:
     """The EI shaper with the same bound at the frequency takes a period (Singhose, 1994)."""
@@ -57,7 +57,7 @@ def test_one_mode_costs_less_than_a_period(mode: Mode) -> None:
     assert 0.85 < periods < 0.96
 
 
-@settings(deadline=None, max_examples=share(200, 15))
+@settings(deadline=None, max_examples=share(200, 5))
 @given(modes, modes)
 def test_two_modes_cost_less_than_one_after_the_other(a: Mode, b: Mode) -> None:
     alone = [shortest_shaper((mode,)).length for mode in (a, b)]

@@ -105,7 +105,7 @@ def tool_on_line(pulses: Path, line: int, *, others: bool) -> Floats:
 
 @pytest.mark.parametrize(
     ("feed", "others"),
-    share(list(product(FEEDS, (False, True))), [(FEEDS[0], False), (FEEDS[2], True)]),
+    share(list(product(FEEDS, (False, True))), [(FEEDS[1], False), (FEEDS[2], True)]),
 )
 def test_a_circle_is_one_after_compensation(error_map, feed, others, tmp_path: Path) -> None:
     program, pulses = tmp_path / "circle.ngc", tmp_path / "pulses.npz"
@@ -124,8 +124,10 @@ def test_a_circle_is_one_after_compensation(error_map, feed, others, tmp_path: P
     assert np.abs(tool[:, 2] + 5.0).max() <= STEP + TOLERANCE
 
 
-@pytest.mark.parametrize("others", [False, True])
-@pytest.mark.parametrize("seed", range(share(20, 2)))
+@pytest.mark.parametrize(
+    ("seed", "others"),
+    share(list(product(range(20), (False, True))), [(0, False), (1, True)]),
+)
 def test_random_programs_keep_the_limits_of_the_motors(
     error_map, seed, others, tmp_path: Path
 ) -> None:
@@ -171,7 +173,7 @@ def test_motion_along_one_axis_takes_up_the_play_of_another(error_map, tmp_path:
         assert off[:, 2].max() <= STEP + TOLERANCE
 
 
-@pytest.mark.parametrize("others", [False, True])
+@pytest.mark.parametrize("others", share([False, True], [True]))
 def test_positions_are_true_places(error_map, others, tmp_path: Path) -> None:
     """After homing, a program, a stop and a jog; the travel is one of true places."""
     plain = machine(error_map, others=others)

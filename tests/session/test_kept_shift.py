@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import pytest
@@ -13,7 +12,8 @@ from cnc.model import state_file
 from cnc.operate.machines import LineMachine
 from cnc.session.position_check import LastPosition
 from cnc.simulators.grbl.grbl_simulator import GrblSimulator
-from cnc.simulators.grbl.ports import GrblSimulatorPort, PtyServer
+from cnc.simulators.grbl.ports import GrblSimulatorPort
+from tests.support.boards.grbl_cable import grbl_cable
 from tests.support.boards.line_board_conformance import ORIGIN
 from tests.support.session.position_runs import (
     BELOW_ZERO,
@@ -26,7 +26,6 @@ from tests.support.session.position_runs import (
     run_on,
     stopping,
 )
-from tests.support.waiting import wait_until
 
 pytestmark = pytest.mark.usefixtures("nothing_kept")
 SHIFT = (5.0, 4.0, 0.0)
@@ -50,14 +49,13 @@ def zeroed(tmp_path: Path, settings: dict[int, float] | None = None) -> GrblSimu
     return simulator
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="there are no pseudo-terminals here")
 def test_a_zero_of_one_command_holds_in_the_next(program: Path) -> None:
-    with PtyServer(GrblSimulator(settings=FAST), 4.0) as server:
-        there = ("--machine", "grbl-uno", "--port", server.name, "--quiet")
+    with grbl_cable(GrblSimulator(settings=FAST)) as cable:
+        there = ("--machine", "grbl-uno", "--port", cable.name, "--quiet")
         for command in (("jog", "X5", "Y4"), ("zero", "X", "Y", "--system", "G92"), (program,)):
             assert exit_code([*map(str, command), *there]) == 0
-            wait_until(lambda: not server.is_open)
-        assert server.simulator.position == pytest.approx((6.0, 5.0, 0.0), abs=0.005)
+            assert not cable.is_open
+        assert cable.simulator.position == pytest.approx((6.0, 5.0, 0.0), abs=0.005)
 
 
 def test_the_zero_holds_in_every_run(program: Path, tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from cnc.session.position_check import LastPosition
 from cnc.session.run_pulses import Progress
 from cnc.simulators.grbl.grbl_simulator import Alarm, Error, GrblSimulator, Unplug
 from cnc.simulators.grbl.ports import GrblSimulatorPort, PtyServer
+from tests.support.boards.grbl_cable import GrblCable, grbl_cable
 from tests.support.session.position_runs import (
     END,
     FAST,
@@ -31,14 +32,14 @@ from tests.support.waiting import wait_until
 pytestmark = pytest.mark.usefixtures("nothing_kept")
 
 
-def stopped(square: Path, server: PtyServer) -> Report:
+def stopped(square: Path, cable: GrblCable) -> Report:
     """Return the report of a run that the operator stops at X6.5."""
     control = Control()
     return run(
         square,
         MACHINE,
         board="grbl",
-        port=server.name,
+        port=cable.name,
         control=control,
         callbacks=stopping(control, 6.5),
     )
@@ -46,7 +47,7 @@ def stopped(square: Path, server: PtyServer) -> Report:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there are no pseudo-terminals here")
 def test_two_runs_in_a_row_do_not_shift(square: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with PtyServer(GrblSimulator(settings=FAST), 4.0) as server:
+    with PtyServer(GrblSimulator(settings=FAST), 20.0) as server:
         command = [str(square), "--machine", "grbl-uno", "--port", server.name, "--quiet"]
         assert exit_code(command) == 0, capsys.readouterr().err
         assert tool(server.simulator) == END
@@ -60,59 +61,57 @@ def test_two_runs_in_a_row_do_not_shift(square: Path, capsys: pytest.CaptureFixt
         ]
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="there are no pseudo-terminals here")
 def test_a_stopped_run_continues_at_its_position(
     square: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with PtyServer(GrblSimulator(settings=FAST), 4.0) as server:
-        first = stopped(square, server)
+    with grbl_cable(GrblSimulator(settings=FAST)) as cable:
+        first = stopped(square, cable)
         assert first.resume_line is not None
-        assert tool(server.simulator)[0] > 6.0
-        wait_until(lambda: not server.is_open)
+        assert tool(cable.simulator)[0] > 6.0
+        assert not cable.is_open
         more = [
             "--machine",
             "grbl-uno",
             "--port",
-            server.name,
+            cable.name,
             "--from-line",
             str(first.resume_line),
             "--yes",
             "--quiet",
         ]
         assert exit_code([str(square), *more]) == 0, capsys.readouterr().err
-        assert tool(server.simulator) == END
+        assert tool(cable.simulator) == END
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="there are no pseudo-terminals here")
 def test_yes_does_not_confirm_the_position_of_a_board_that_was_reset(
     square: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with PtyServer(GrblSimulator(settings=FAST), 4.0) as server:
-        first = stopped(square, server)
-        stands = tool(server.simulator)
-        server.simulator.drop_dtr()
+    with grbl_cable(GrblSimulator(settings=FAST)) as cable:
+        first = stopped(square, cable)
+        stands = tool(cable.simulator)
+        cable.simulator.drop_dtr()
         command = [
             str(square),
             "--machine",
             "grbl-uno",
             "--port",
-            server.name,
+            cable.name,
             "--from-line",
             str(first.resume_line),
             "--yes",
         ]
         for _ in range(2):
-            wait_until(lambda: not server.is_open)
+            assert not cable.is_open
             assert exit_code(command) == 3
             said = capsys.readouterr().err
             assert "position-lost" in said
             assert "X0.000 Y0.000 Z0.000" in said
             assert f"X{stands[0]:.3f} Y{stands[1]:.3f} Z{stands[2]:.3f}" in said
             assert "--trust-position" in said
-            assert tool(server.simulator) == stands
-        wait_until(lambda: not server.is_open)
+            assert tool(cable.simulator) == stands
+        assert not cable.is_open
         assert exit_code([*command, "--trust-position", "--quiet"]) == 0, capsys.readouterr().err
-        assert tool(server.simulator) == pytest.approx(
+        assert tool(cable.simulator) == pytest.approx(
             [a + b for a, b in zip(stands, END, strict=True)], abs=0.01
         )
 

@@ -6,6 +6,7 @@ import json
 import random
 import re
 from collections.abc import Callable
+from itertools import cycle, product
 from pathlib import Path
 
 import pytest
@@ -130,8 +131,10 @@ def _options(dialect: str) -> RunOptions:
     return RunOptions(dialect=dialect, unknown_codes="warn", tool_lengths="zero")  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("kind", BREAKS)
-@pytest.mark.parametrize("style", sorted(STYLES)[:: share(1, 4)])
+@pytest.mark.parametrize(
+    ("style", "kind"),
+    share(list(product(sorted(STYLES), BREAKS)), list(zip(sorted(STYLES)[::2], cycle(BREAKS)))),
+)
 def test_a_repaired_program_of_the_corpus_is_without_the_finding(style: str, kind: str) -> None:
     """Each line that can be broken is broken with chance one half."""
     change, pattern = BREAKS[kind]

@@ -26,7 +26,7 @@ from cnc.simulators.grbl.grbl_simulator import GrblSimulator
 from cnc.simulators.grbl.ports import LONGEST_SLEEP, ScaledTime
 
 MACHINE = load_machine("grbl-uno")
-FASTER = 5.0
+FASTER = 20.0
 """How many times as fast as a real board the simulated one moves."""
 
 

@@ -222,10 +222,14 @@ def test_lines_of_any_slope(counts, duration_s, lead):
         check(smooth_time(place, duration_s), step)
 
 
+HOUR = 3600 * 10**9
+"""In ns."""
+
+
 def test_pauses_of_hours():
     time_ns = np.cumsum(
         np.array(
-            [0, 1, 32_767_500, 32_768_000, 40_000_000, 3 * 3600 * 10**9, 1, 7 * 24 * 3600 * 10**9],
+            [0, 1, 32_767_500, 32_768_000, 40_000_000, 3 * HOUR, 1, share(168, 24) * HOUR],
             np.int64,
         )
     )

@@ -23,8 +23,20 @@ from cnc.simulators.grbl.grbl_simulator import GrblSimulator
 from cnc.simulators.grbl.workpiece import Environment, HalfSpace, Workpiece
 from tests.support.paths import ROOT
 from tests.support.server.quick_mill import AXIS, MILL, PLATE, SECONDS
+from tests.support.view.browser import NO_POPUP
 
+WITHOUT = (
+    *NO_POPUP,
+    "HttpsFirstBalancedModeAutoEnable",
+    "HttpsUpgrades",
+    "MediaRouter",
+    "OptimizationHints",
+    "PaintHolding",
+    "Translate",
+)
+"""Features of Chromium that are off. The list takes the place of that of Playwright."""
 CHROMIUM = [
+    f"--disable-features={','.join(WITHOUT)}",
     "--no-sandbox",
     "--enable-unsafe-swiftshader",
     "--use-gl=angle",

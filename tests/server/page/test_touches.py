@@ -10,6 +10,7 @@ from tests.server.page.test_page_design import opened_page
 from tests.support.paths import ROOT
 from tests.support.server.console_page import enter, expect, open_part, take
 from tests.support.server.quick_mill import PLATE_THICKNESS
+from tests.support.soak import share
 
 NOTE = ROOT / "docs" / "notes" / "2026-11-29-console-layouts.md"
 COLUMNS = ("desk", "phone", "gSender desk", "gSender phone")
@@ -218,6 +219,7 @@ def test_each_task_takes_the_touches_of_the_note(browser, address, port, size):
     assert wrong == []
 
 
+@pytest.mark.parametrize("size", share(["desk", "phone"], ["desk"]), indirect=True)
 def test_connect_takes_control_from_nobody_else(browser, address, port, size):
     (page, wrong), (other, also_wrong) = (opened_page(browser, address, size) for _ in range(2))
     connect, watches = other.locator("#connect"), re.compile("press Take control first")
