@@ -528,6 +528,9 @@ def slower_plan(request: Request, slow_from: float) -> SlowerPlan | None:
     last_end = float(plan[last]["s"]) if last < len(plan) else request.goal
     if last_end > end:
         near = path.intervals(slowing, s, last_end)
+    if _time_to_rest(plan) <= SOON * time:
+        # No ramp is shorter by much. At the limit of its jerk such a plan has no slower copy.
+        return followed_to_rest(request)
     found = copy_by_clock(plan, time, lowered(near), slowing.arrays, part)
     if found is None or exceeding_sections(path, found[1][: found[0]], near):
         if _time_to_rest(plan) > AT_REST * time:

@@ -429,7 +429,8 @@ class Window:
         sought = slowed(request) if (soon := searched_soon(request)) else None
         time = inf if sought is None else time_before(sought.phases, sought.slow_from)
         by_clock, time_by_clock = None, inf
-        if time > 0.0:
+        # A motion that slows within a straight ramp is soon enough, and a clock takes computing.
+        if time > self._ramp():
             clocked = replace(request, goal=plan.rest_at, rests=False)
             by_clock = slower_plan(clocked, plan.slow_from)
         if by_clock is not None:

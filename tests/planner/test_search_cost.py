@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from cnc.api import from_text, plan
-from cnc.model.blocks import PathMode
+from cnc.model.blocks import Block, Dwell, PathMode
 from cnc.path.chunk import PathChunk
 from cnc.planner import known_path as intervals_module
 from cnc.planner import phases as phases_module
+from cnc.planner import slowing
 from cnc.planner.kernels import fastest, refine
 from cnc.planner.kernels.cells import Stretch, describe, plan_cells
 from cnc.planner.kernels.descent import STEP, STEPS, TOUCH, centre
@@ -17,6 +18,7 @@ from cnc.planner.known_path import STANDSTILL, intervals_of
 from cnc.planner.limits import Limits
 from cnc.planner.phases import plan_to_rest
 from tests.support.planner.motions import lines, machine, path_of
+from tests.support.planner.operated import driven
 from tests.support.planner.requests import FAMILIES, plans_of, random_program
 from tests.support.soak import share
 
@@ -214,3 +216,27 @@ def test_corners_of_micrometres_in_five_axes_have_few_intervals(monkeypatch, tmp
     plans = plans_of(random_program("five axes", rng, tmp_path), 100.0)
     assert sum(cut) < 120_000
     assert plans[-1].t0 + plans[-1].duration < 14.0
+
+
+@pytest.mark.parametrize("seed", range(share(12, 3)))
+def test_a_request_on_straight_moves_seeks_no_slower_clock_again_and_again(seed, monkeypatch):
+    """Each search takes up to 0.3 s. There were 20 to 41, while the board waited for the plan."""
+    tries = []
+    copy = slowing.slower_copy
+    monkeypatch.setattr(slowing, "slower_copy", lambda *given: (tries.append(0), copy(*given))[1])
+    rng = np.random.default_rng([seed, 20261201])
+    blocks: list[Block] = []
+    place = np.zeros(3)
+    for _ in range(4):
+        place = place + [*rng.uniform(-8.0, 8.0, 2), 0.0]
+        blocks += [lines(tuple(place)), Dwell("t.nc", 2, 0.1)]
+    for number in range(1, 9):
+        for percent in (10.0, 50.0):
+
+            def slower(control, chunks, held, at=number, to=percent):
+                if len(chunks) == at:
+                    control.override(to)
+
+            tries.clear()
+            driven(blocks, machine(), slower)
+            assert len(tries) <= 2, (number, percent)

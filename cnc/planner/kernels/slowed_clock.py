@@ -443,6 +443,18 @@ def write_copy(state: State, part: float, plan: Phases, out: Phases, count: int)
 
 
 @njit
+def place_before_end(plan: Phases, left: float) -> float:
+    """Return the arc length at which a plan has ``left`` seconds left, or that of its start."""
+    for r in range(len(plan) - 1, -1, -1):
+        row = plan[r]
+        if row["duration"] >= left:
+            s, _, _ = phase_at(row["duration"] - left, row["s"], row["v"], row["a"], row["j"])
+            return float(s)
+        left -= row["duration"]
+    return float(plan[0]["s"])
+
+
+@njit
 def slower_copy(
     plan: Phases, known: Intervals, machine: LimitArrays, dt: float, use: float, wanted: float
 ) -> tuple[int, Phases, float]:
@@ -467,7 +479,9 @@ def slower_copy(
     scratch = np.empty((SCRATCH, len(limits.a)))
     state = State(plan[0]["s"], plan[0]["v"], plan[0]["a"], 0, 0)
     count = 0
-    while count < MOST and state.v > 0.0 and state.s < known.end[-1]:
+    # Near its end a plan to rest has steps without end.
+    last = min(place_before_end(plan, dt), known.end[-1])
+    while count < MOST and state.v > 0.0 and state.s < last:
         part, _, state = pace(state, about)
         h, j, behind = next_step(state, dt, part, use, about)
         careful = use - part * (SPARE + SPARE_MORE * (1.0 - use))

@@ -169,7 +169,7 @@ function levels(strokes, size, tolerance) {
   let off = 0;
   while (true) {
     out.push(new Level(strokes, index, off));
-    tolerance *= 4;
+    tolerance *= 2;
     if (index.length < 2000 || tolerance > size / 50) return out;
     off += tolerance;
     index = thinned(strokes, index, tolerance);
